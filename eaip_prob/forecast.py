@@ -1,0 +1,148 @@
+"""A predicted motion with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from eaip_prob.checks import as_float64
+from eaip_prob.evaluation.uncertainty import mixture_quantile
+from eaip_prob.linalg import symmetrised
+from eaip_prob.models.base import Posterior
+from eaip_prob.phase.base import PhaseEstimate
+from eaip_prob.primitives.base import AbstractPrimitive, Boundary
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The target's motion as a mixture of Gaussians over its weights, read at any times.
+
+    Variances hold the uncertainty of the weights and what the primitive cannot represent.
+
+    Args:
+        time: (*#batch, S), seconds.
+        posterior: over the target's block, J components.
+        phase: hypotheses about the phase.
+        primitive: of the target.
+        block: name of the target.
+        names: D signals.
+        residual: (D,), variance of what the primitive cannot represent, units squared.
+        inflation: factor on variances that makes them right on held-out groups.
+        boundary: start of the motion, where the primitive needs it.
+    """
+
+    time: Float[Tensor, "*#batch times"]
+    posterior: Posterior
+    phase: PhaseEstimate
+    primitive: AbstractPrimitive
+    block: str
+    names: tuple[str, ...]
+    residual: Float[Tensor, "signals"]
+    inflation: float = 1.0
+    boundary: Boundary | None = None
+
+    def at(self, time: Float[Tensor, "*#batch times"]) -> Self:
+        """The same prediction read at other times, seconds."""
+        return replace(self, time=as_float64("time", time))
+
+    @property
+    def log_evidence(self) -> Float[Tensor, "*batch"]:
+        """Log density of what was observed, nats."""
+        return self.posterior.log_evidence
+
+    @cached_property
+    def _design(self) -> tuple[Tensor, Tensor]:
+        return self.primitive.design(self.phase.at(self.time), self.phase.duration, self._start)
+
+    @property
+    def _start(self) -> Boundary | None:
+        """The start with an axis for the hypotheses."""
+        if self.boundary is None:
+            return None
+        start, velocity = self.boundary.start[..., None, :], self.boundary.velocity[..., None, :]
+        batch = torch.broadcast_shapes(start.shape[:-1], self.phase.duration.shape)
+        return Boundary(start.expand(*batch, -1), velocity.expand(*batch, -1))
+
+    @cached_property
+    def component_means(self) -> Float[Tensor, "*batch components times signals"]:
+        """Mean path of each phase hypothesis."""
+        matrix, offset = self._design
+        weights = self.primitive.per_signal(self.posterior.components.block_mean(self.block))
+        return (weights @ matrix.mT + offset).mT
+
+    @cached_property
+    def component_variances(self) -> Float[Tensor, "*#batch components times signals"]:
+        """Marginal variance of each sample under each phase hypothesis."""
+        blocks = self._weight_covariance.diagonal(dim1=-4, dim2=-2).movedim(-1, -3)
+        matrix = self._design[0][..., None, :, :]
+        return ((matrix @ blocks) * matrix).sum(-1).mT * self.inflation + self.residual
+
+    @property
+    def _weight_covariance(self) -> Float[Tensor, "*#batch #components signals basis signals basis"]:
+        covariance = self.posterior.components.block_covariance(self.block)
+        shape = (len(self.names), self.primitive.num_weights)
+        return covariance.unflatten(-1, shape).unflatten(-3, shape)
+
+    @property
+    def _weight(self) -> Float[Tensor, "*batch components 1 1"]:
+        return self.posterior.weight[..., None, None]
+
+    @cached_property
+    def mean(self) -> Float[Tensor, "*batch times signals"]:
+        """Expected path, in the signals' units."""
+        return (self._weight * self.component_means).sum(-3)
+
+    @cached_property
+    def variance(self) -> Float[Tensor, "*batch times signals"]:
+        """Marginal variance of each sample, units squared."""
+        spread = (self.component_means - self.mean[..., None, :, :]).square()
+        return (self._weight * (self.component_variances + spread)).sum(-3)
+
+    @cached_property
+    def covariance(self) -> Float[Tensor, "*batch times signals signals"]:
+        """Covariance of the signals at each time, units squared."""
+        matrix = self._design[0]
+        within = self.inflation * torch.einsum("...tb,...dbec,...tc->...tde", matrix, self._weight_covariance, matrix)
+        spread = self.component_means - self.mean[..., None, :, :]
+        total = within + spread[..., :, None] * spread[..., None, :]
+        return symmetrised((self._weight[..., None] * total).sum(-4)) + torch.diag(self.residual)
+
+    def plan(self, num_samples: int) -> Float[Tensor, "*batch samples signals"]:
+        """The whole expected path, evenly over the phase from the start to the clock's limit, in the signals' units."""
+        path = torch.linspace(0.0, self.primitive.limit, num_samples, dtype=torch.float64)
+        phase = path.expand(*self.phase.duration.shape, num_samples)
+        matrix, offset = self.primitive.design(phase, self.phase.duration, self._start)
+        weights = self.primitive.per_signal(self.posterior.components.block_mean(self.block))
+        # Summed over hypotheses and bases at once: (motions, J, samples, signals) would be large.
+        path = torch.einsum("...jdb,...jsb->...sd", self._weight * weights, matrix)
+        return path + (self._weight * offset).sum(-3).mT
+
+    def quantile(self, level: float) -> Float[Tensor, "*batch times signals"]:
+        """Quantile of each sample's marginal mixture, in the signals' units."""
+        means = self.component_means
+        variances = self.component_variances.expand(means.shape)
+        return mixture_quantile(means, variances, self.posterior.log_weight.expand(means.shape[:-2]), level)
+
+    def interval(
+        self, level: float = 0.9
+    ) -> tuple[Float[Tensor, "*batch times signals"], Float[Tensor, "*batch times signals"]]:
+        """(lower, upper) bounds that hold each sample with the given probability, in the signals' units."""
+        return self.quantile(0.5 - 0.5 * level), self.quantile(0.5 + 0.5 * level)
+
+    def sample(self, num: int, generator: torch.Generator) -> Float[Tensor, "num *batch times signals"]:
+        """Whole motions drawn from the prediction, smooth: without what the primitive cannot represent.
+
+        Args:
+            num: number of motions.
+            generator: source of randomness.
+        """
+        draws, index = self.posterior.inflated(self.inflation).sample(num, generator)
+        matrix, offset = self._design
+        paths = (self.primitive.per_signal(draws)[..., None, :, :] @ matrix.mT + offset).mT
+        chosen = index[..., None, None, None].expand(*index.shape, 1, *paths.shape[-2:])
+        return paths.gather(-3, chosen)[..., 0, :, :]

@@ -1,0 +1,210 @@
+"""The only module that factorises a matrix.
+
+Cholesky only: torch's batched LU on the CPU is unreliable above about 150 rows with more than one thread
+(`solve` and `inv` raise, `slogdet` is silently wrong), and weight covariances are larger than that.
+Jitter here is for round-off alone; regularisation is a declared parameter of an estimator.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from eaip_prob.errors import NotPositiveDefiniteError, NumericalWarning
+
+_JITTERS = (1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
+_WARN_FROM = 1e-9
+
+
+def symmetrised(matrix: Float[Tensor, "*batch n n"]) -> Float[Tensor, "*batch n n"]:
+    """Mean of the matrix and its transpose."""
+    return 0.5 * (matrix + matrix.mT)
+
+
+def safe_cholesky(matrix: Float[Tensor, "*batch n n"], name: str = "covariance") -> Float[Tensor, "*batch n n"]:
+    """Lower Cholesky factor; failing members of the batch get jitter relative to their diagonal.
+
+    Jitter grows tenfold from 1e-12 to 1e-6 of each diagonal entry of a failing member, so that the result does not
+    depend on the units of the rows. Rank-deficient covariances (fewer demonstrations than weights) are ordinary
+    input and take the first steps silently; from 1e-9 on there is a `NumericalWarning`.
+
+    Args:
+        matrix: symmetric, positive semi-definite up to round-off.
+        name: what the matrix is, for the message.
+
+    Returns:
+        lower triangular L with L L^T = matrix (+ jitter).
+
+    Raises:
+        NotPositiveDefiniteError: no factor even with the largest jitter, or entries that are not finite.
+
+    Example:
+        >>> safe_cholesky(torch.eye(2, dtype=torch.float64) * 4.0)
+        tensor([[2., 0.],
+                [0., 2.]], dtype=torch.float64)
+    """
+    factor, info = torch.linalg.cholesky_ex(matrix)
+    if not bool(info.any()):
+        # NaN or infinity anywhere in a row reaches that row's pivot.
+        if not math.isfinite(float(factor.diagonal(dim1=-2, dim2=-1).sum())):
+            raise NotPositiveDefiniteError(f"Expected finite entries in {name}, got NaN or infinity. Check the data.")
+        return factor
+    return _jittered_cholesky(matrix, info != 0, factor, name)
+
+
+def _jittered_cholesky(matrix: Tensor, failed: Tensor, factor: Tensor, name: str) -> Tensor:
+    if not bool(torch.isfinite(matrix).all()):
+        raise NotPositiveDefiniteError(f"Expected finite entries in {name}, got NaN or infinity. Check the data.")
+    scale = _diagonal_scale(matrix)
+    for relative in _JITTERS:
+        trial, info = torch.linalg.cholesky_ex(matrix + torch.diag_embed(relative * scale))
+        solved = failed & (info == 0)
+        factor = torch.where(solved[..., None, None], trial, factor)
+        failed = failed & (info != 0)
+        if not bool(failed.any()):
+            if relative >= _WARN_FROM:
+                warnings.warn(f"Added {relative:.0e} of its diagonal to {name}.", NumericalWarning, stacklevel=3)
+            return factor
+    least = float(torch.linalg.eigvalsh(symmetrised(matrix)).amin())
+    raise NotPositiveDefiniteError(
+        f"Expected {name} to be positive semi-definite, got a smallest eigenvalue of {least:.3g} at a mean "
+        f"diagonal of {float(scale.mean()):.3g}. Use covariance=shrinkage or check the units of the blocks."
+    )
+
+
+def _diagonal_scale(matrix: Tensor) -> Tensor:
+    """The diagonal; where it is zero (a constant signal has no scale of its own) its mean, or 1 if all of it is."""
+    diagonal = matrix.diagonal(dim1=-2, dim2=-1)
+    mean = diagonal.mean(-1, keepdim=True)
+    return torch.where(diagonal > 0, diagonal, torch.where(mean > 0, mean, 1.0))
+
+
+def psd_root(matrix: Float[Tensor, "*batch n n"]) -> Float[Tensor, "*batch n rank"]:
+    """A root R with R R^T = matrix for a matrix that may be singular: no jitter enters.
+
+    The lower Cholesky factor where it exists, else from the eigen-decomposition without the columns that are round-off.
+
+    Raises:
+        NotPositiveDefiniteError: an eigenvalue is negative beyond round-off, or entries are not finite.
+
+    Example:
+        >>> psd_root(torch.ones(3, 3, dtype=torch.float64)).shape
+        torch.Size([3, 1])
+    """
+    factor, info = torch.linalg.cholesky_ex(matrix)
+    if not bool(info.any()) and bool(torch.isfinite(factor).all()):
+        return factor
+    return _eigen_root(matrix)
+
+
+def _eigen_root(matrix: Tensor) -> Tensor:
+    if not bool(torch.isfinite(matrix).all()):
+        raise NotPositiveDefiniteError("Expected finite entries in the covariance, got NaN or infinity.")
+    # Unit diagonal first: blocks in metres and in pixels would otherwise drown each other's round-off.
+    scale = _diagonal_scale(matrix).sqrt()
+    values, vectors = torch.linalg.eigh(symmetrised(matrix / scale[..., :, None] / scale[..., None, :]))
+    if bool((values < -1e-8 * values.amax(-1, keepdim=True).clamp_min(1.0)).any()):
+        raise NotPositiveDefiniteError(
+            f"Expected a positive semi-definite covariance, got an eigenvalue of {float(values.amin()):.3g} "
+            f"in units of its diagonal."
+        )
+    round_off = matrix.shape[-1] * torch.finfo(matrix.dtype).eps * values.amax(-1, keepdim=True)
+    used = (values > round_off).flatten(0, -2).any(0) if values.ndim > 1 else values > round_off
+    used[-1] = True
+    return scale[..., :, None] * (vectors * values.clamp_min(0.0).sqrt()[..., None, :])[..., used]
+
+
+def psd_solve(
+    matrix: Float[Tensor, "*batch n n"], right: Float[Tensor, "*batch n m"], name: str = "matrix"
+) -> Float[Tensor, "*batch n m"]:
+    """Solution of `matrix @ x = right` for a symmetric positive definite matrix, by its Cholesky factor."""
+    return torch.cholesky_solve(right, safe_cholesky(matrix, name))
+
+
+def log_det(factor: Float[Tensor, "*batch n n"]) -> Float[Tensor, "*batch"]:
+    """Log determinant of L L^T from its lower triangular factor L."""
+    return 2.0 * factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+
+
+def triangular_solve(
+    factor: Float[Tensor, "*batch n n"], right: Float[Tensor, "*batch n m"]
+) -> Float[Tensor, "*batch n m"]:
+    """Solution of `factor @ x = right` for a lower triangular factor."""
+    return torch.linalg.solve_triangular(factor, right, upper=False)
+
+
+def whitened(factor: Float[Tensor, "*#batch n n"], vectors: Float[Tensor, "*#batch n"]) -> Float[Tensor, "*batch n"]:
+    """L^-1 v for vectors, whose squared length is v^T (L L^T)^-1 v.
+
+    One factor shared by a batch of vectors is used once, not copied per member.
+
+    Example:
+        >>> whitened(torch.tensor([[2.0]]), torch.tensor([[6.0], [8.0]]))
+        tensor([[3.],
+                [4.]])
+    """
+    if factor.ndim == 2:
+        flat = vectors.reshape(-1, vectors.shape[-1])
+        return triangular_solve(factor, flat.mT).mT.reshape(vectors.shape)
+    return triangular_solve(factor, vectors[..., None])[..., 0]
+
+
+def vector_matmul(
+    vectors: Float[Tensor, "*#batch n"], matrix: Float[Tensor, "*#batch n m"]
+) -> Float[Tensor, "*batch m"]:
+    """v^T M for vectors; one matrix shared by a batch of vectors is one product."""
+    return vectors @ matrix if matrix.ndim == 2 else (vectors[..., None, :] @ matrix)[..., 0, :]
+
+
+def trailing_rotation(rows: Float[Tensor, "*batch rows columns"]) -> Float[Tensor, "*batch columns columns"]:
+    """An orthogonal matrix Q for which only the last columns of `rows @ Q`, as many as there are rows, are not zero."""
+    return torch.linalg.qr(rows.mT, mode="complete").Q.flip(-1)
+
+
+def min_norm_solution(
+    design: Float[Tensor, "rows columns"], target: Float[Tensor, "rows outputs"]
+) -> Float[Tensor, "columns outputs"]:
+    """Least-squares solution of smallest norm of `design @ x = target`, by singular values.
+
+    Singular values under max(shape) times machine precision of the largest count as zero.
+    """
+    left, values, right = torch.linalg.svd(design, full_matrices=False)
+    tolerance = max(design.shape) * torch.finfo(design.dtype).eps * values.amax()
+    inverse = torch.where(values > tolerance, 1.0 / values.clamp_min(torch.finfo(design.dtype).tiny), 0.0)
+    return right.mT @ (inverse[:, None] * (left.mT @ target))
+
+
+def psd_pseudo_solve(matrix: Float[Tensor, "n n"], right: Float[Tensor, "n m"]) -> Float[Tensor, "n m"]:
+    """Solution of `matrix @ x = right`, shortest in standard deviations, for a covariance that may be singular.
+
+    Eigenvalues of the correlation matrix under 1e-10 count as zero, so that units do not matter.
+    """
+    scale = _diagonal_scale(matrix).sqrt()
+    values, vectors = torch.linalg.eigh(symmetrised(matrix / scale[:, None] / scale))
+    inverse = torch.where(values > 1e-10, 1.0 / values.clamp_min(1e-10), 0.0)
+    return vectors @ (inverse[:, None] * (vectors.mT @ (right / scale[:, None]))) / scale[:, None]
+
+
+def collapsed(tensor: Tensor, num_event: int) -> Tensor:
+    """The tensor without batch axes along which it repeats itself, so that what follows is computed once.
+
+    Args:
+        tensor: (*batch, *event).
+        num_event: trailing axes that are no batch.
+
+    Returns:
+        of the same number of axes; a batch axis without variation has size 1.
+
+    Example:
+        >>> collapsed(torch.ones(4, 3, 2), 1).shape
+        torch.Size([1, 1, 2])
+    """
+    for axis in range(tensor.ndim - num_event):
+        first = tensor.narrow(axis, 0, min(1, tensor.shape[axis]))
+        if tensor.shape[axis] > 1 and bool((tensor == first).all()):
+            tensor = first
+    return tensor

@@ -1,0 +1,143 @@
+"""The extension point: a joint distribution over blocks of weights, and what it says after observations."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from eaip_prob.gaussian import BlockGaussian
+from eaip_prob.linalg import symmetrised
+from eaip_prob.observation import AbstractObservation
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """A mixture of J block Gaussians.
+
+    Args:
+        components: mean (*batch, J, Z).
+        log_weight: (*batch, J), normalised.
+        log_evidence: (*batch,), log density of the observed values, nats.
+    """
+
+    components: BlockGaussian
+    log_weight: Float[Tensor, "*batch components"]
+    log_evidence: Float[Tensor, "*batch"]
+
+    @property
+    def weight(self) -> Float[Tensor, "*batch components"]:
+        """Weights of the components."""
+        return self.log_weight.exp()
+
+    def mean(self, block: str) -> Float[Tensor, "*batch weights"]:
+        """Mean of one block over all components."""
+        return (self.weight[..., None] * self.components.block_mean(block)).sum(-2)
+
+    def covariance(self, block: str) -> Float[Tensor, "*batch weights weights"]:
+        """Covariance of one block over all components (moment-matched)."""
+        within = self.components.block_covariance(block)
+        deviation = self.components.block_mean(block) - self.mean(block)[..., None, :]
+        total = within + deviation[..., :, None] * deviation[..., None, :]
+        return symmetrised((self.weight[..., None, None] * total).sum(-3))
+
+    def inflated(self, factor: float) -> Posterior:
+        """The same mixture with the covariance of every component times a factor."""
+        components = self.components
+        components = BlockGaussian(components.mean, factor * components.covariance, components.layout)
+        return Posterior(components, self.log_weight, self.log_evidence)
+
+    def sample(self, num: int, generator: torch.Generator) -> tuple[Float[Tensor, "num *batch weights"], Tensor]:
+        """(draws of all blocks, index of the component of each draw (num, *batch))."""
+        batch = self.log_weight.shape[:-1]
+        flat = self.weight.reshape(-1, self.log_weight.shape[-1])
+        index = torch.multinomial(flat, num, replacement=True, generator=generator).mT.reshape(num, *batch)
+        draws = self.components.sample(num, generator)
+        chosen = index[..., None, None].expand(*index.shape, 1, draws.shape[-1])
+        return draws.expand(num, *batch, *draws.shape[-2:]).gather(-2, chosen)[..., 0, :], index
+
+    def log_prob(self, value: Float[Tensor, "*batch weights"]) -> Float[Tensor, "*batch"]:
+        """Log density of all blocks, nats."""
+        return torch.logsumexp(self.log_weight + self.components.log_prob(value[..., None, :]), -1)
+
+
+class AbstractJointModel(ABC):
+    """A distribution over the blocks `human`, `robot`, `environment` learnt from demonstrations.
+
+    A subclass gives `fit`, `posterior` and `state`/`from_state`; in return `InteractionPredictor` uses it with every
+    primitive, evidence and clock. Models see weights only, never trajectories.
+    """
+
+    @abstractmethod
+    def fit(
+        self,
+        weights: Mapping[str, Float[Tensor, "demonstrations weights"]],
+        observed: Mapping[str, Bool[Tensor, "demonstrations weights"]] | None = None,
+        groups: Sequence[int | str] | None = None,
+        target: str = "robot",
+    ) -> Self:
+        """A model fitted to one row of weights per demonstration; `self` is unchanged.
+
+        Args:
+            weights: {block: (N, K_block)}.
+            observed: False where a weight (a feature of the scene) was not observed; default everything was.
+            groups: N labels; held-out choices leave whole groups out. Default: every demonstration by itself.
+            target: the block that will be predicted.
+        """
+
+    @abstractmethod
+    def posterior(
+        self,
+        observations: Sequence[AbstractObservation],
+        log_weight: Float[Tensor, "*batch components"] | None = None,
+        keep: Sequence[str] | None = None,
+    ) -> Posterior:
+        """What the model believes after the observations.
+
+        Args:
+            observations: with batch axes (*batch, J): one member per hypothesis about the phase.
+            log_weight: (*batch, J) prior log weight of the hypotheses; default J = 1.
+            keep: blocks of the answer; default all.
+        """
+
+    @property
+    @abstractmethod
+    def prior(self) -> BlockGaussian:
+        """Mean and covariance of all blocks before any observation.
+
+        Raises:
+            NotFittedError: before `fit`.
+        """
+
+    @abstractmethod
+    def state(self) -> dict[str, Any]:
+        """Everything that was fitted, as tensors, numbers and strings."""
+
+    @abstractmethod
+    def from_state(self, state: Mapping[str, Any]) -> Self:
+        """The model with a fitted state that `state` returned."""
+
+
+def conditioned(
+    joint: BlockGaussian,
+    observations: Sequence[AbstractObservation],
+    log_weight: Tensor | None,
+    keep: Sequence[str] | None,
+) -> Posterior:
+    """The posterior of one Gaussian under J hypotheses, weighted by their evidence."""
+    components, log_evidence = joint.update(observations, keep)
+    if log_weight is None:
+        log_weight = components.mean.new_zeros(1)
+    log_joint = log_weight + log_evidence
+    num = log_joint.shape[-1] if log_joint.ndim else 1
+    batch = torch.broadcast_shapes(components.mean.shape[:-1], log_joint.shape)
+    log_joint = log_joint.expand(batch if batch else (num,))
+    mean = components.mean.expand(*log_joint.shape, components.mean.shape[-1])
+    total = torch.logsumexp(log_joint, -1)
+    components = BlockGaussian(mean, components.covariance, components.layout)
+    return Posterior(components, log_joint - total[..., None], total)

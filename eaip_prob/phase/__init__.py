@@ -1,0 +1,16 @@
+"""Clocks: how far along is the partner."""
+
+from eaip_prob.phase.base import AbstractPhaseEstimator, PhaseEstimate
+from eaip_prob.phase.dtw import DTWClock
+from eaip_prob.phase.elapsed import ElapsedClock, KnownPhase, known_phase
+from eaip_prob.phase.marginal import MarginalClock
+
+__all__ = [
+    "AbstractPhaseEstimator",
+    "DTWClock",
+    "ElapsedClock",
+    "KnownPhase",
+    "MarginalClock",
+    "PhaseEstimate",
+    "known_phase",
+]

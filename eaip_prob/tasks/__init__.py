@@ -1,0 +1,1 @@
+"""Tasks: demonstrations, partners and what counts as success."""
