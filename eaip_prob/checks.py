@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -20,7 +21,7 @@ def as_float64(name: str, values: Any) -> Tensor:
     """
     try:
         if isinstance(values, Tensor):
-            return values.to(torch.float64)
+            return values if values.dtype == torch.float64 else values.to(torch.float64)
         return torch.as_tensor(np.asarray(values, dtype=np.float64))
     except (TypeError, ValueError) as error:
         raise InputError(f"Expected {name} as numbers in a rectangular array, got {_kind(values)}: {error}.") from error
@@ -42,6 +43,8 @@ def check_finite(name: str, values: Tensor, where: Tensor | None = None) -> None
     Raises:
         InputError: names the first offending index.
     """
+    if math.isfinite(float(values.sum())):  # one pass; a sum that overflows is looked at closer
+        return
     bad = ~torch.isfinite(values)
     if where is not None:
         bad = bad & where

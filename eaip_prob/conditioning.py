@@ -1,7 +1,7 @@
 """The algebra of conditioning a Gaussian in root form, on plain tensors.
 
 With a root of the prior covariance, Sigma = L L^T (L may be singular or have fewer columns than rows: duplicates, fewer
-demonstrations than weights), evidence enters in one of two forms:
+demonstrations than weights), evidence enters in one of two forms::
 
     information   W = I + sum_i L_i^T P_i L_i,   mean' = mean + L W^-1 sum_i L_i^T b_i,   Sigma' = L W^-1 L^T
     rows          S = G G^T + R,  G = A L,  K = L G^T S^-1,   mean' = mean + K r,

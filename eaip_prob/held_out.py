@@ -39,17 +39,22 @@ class HeldOut:
         until = self.human.time[..., 0] + SHARES_SEEN[0] * self.human.duration.median()
         return bool(future_mask(self.target, until).any())
 
-    def score(self, noise: Tensor, scene_noise: Tensor) -> Tensor:
-        """What held-out choices maximise: the density of the target's future, or of what is observed."""
-        if self.predictor.criterion == "prediction":
-            return self.density(noise, scene_noise)
-        predictor = self.predictor.with_noise(noise, scene_noise)
-        return torch.stack([part.log_evidence.mean() for part, _ in self._predictions(predictor)]).mean()
+    def score(self, noise: Tensor, scene_noise: Tensor, scene_only: bool = False) -> Tensor:
+        """What held-out choices maximise: the density of the target's future, or of what is observed.
 
-    def density(self, noise: Tensor, scene_noise: Tensor) -> Tensor:
+        With `scene_only` predictions without the scene are left out: sigma_e has no part in them.
+        """
+        if self.predictor.criterion == "prediction":
+            return self.density(noise, scene_noise, scene_only)
+        predictor = self.predictor.with_noise(noise, scene_noise)
+        parts = self._predictions(predictor, scene_only)
+        return torch.stack([part.log_evidence.mean() for part, _ in parts]).mean()
+
+    def density(self, noise: Tensor, scene_noise: Tensor, scene_only: bool = False) -> Tensor:
         """Mean log density of the target's future over beginnings of several lengths, with the scene and without it."""
         predictor = self.predictor.with_noise(noise, scene_noise)
-        return -torch.stack([self._nll(part, mask) for part, mask in self._predictions(predictor)]).mean()
+        parts = self._predictions(predictor, scene_only)
+        return -torch.stack([self._nll(part, mask) for part, mask in parts]).mean()
 
     def standardised_error(self, noise: Tensor, scene_noise: Tensor) -> Tensor:
         """Mean squared error of held-out samples in units of their predicted variance; 1 where calibrated.
@@ -66,7 +71,9 @@ class HeldOut:
         means = torch.cat(squares)
         return means.mean() if len(means) else means.new_ones(())
 
-    def _predictions(self, predictor: InteractionPredictor) -> Iterator[tuple[Prediction, Tensor]]:
+    def _predictions(
+        self, predictor: InteractionPredictor, scene_only: bool = False
+    ) -> Iterator[tuple[Prediction, Tensor]]:
         """Predictions from beginnings of several lengths, and which samples of the target lie ahead of each."""
         fitted = predictor.fitted
         told = fitted is not None and fitted.phase.needs_duration
@@ -77,7 +84,8 @@ class HeldOut:
             if not bool(mask.any()):
                 continue
             seen = _beginning(self.human, until)
-            for scene in [None] if self.environment is None else [None, self.environment]:
+            scenes = [None] if self.environment is None else [None, self.environment]
+            for scene in scenes[-1:] if scene_only else scenes:
                 phase = known_phase(seen, self.human.duration) if told else None
                 yield predictor.predict(seen, scene, time=self.target.time, phase=phase), mask
 

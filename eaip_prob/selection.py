@@ -99,7 +99,7 @@ class _Search:
             noise = _best(self.held_out, [(multiple * self.scale, scene_noise) for multiple in NOISE_MULTIPLES])[0]
         if self.held_out and self.predictor.environment_noise is None and len(self.spread):
             choices = [(noise, multiple * self.spread) for multiple in ENVIRONMENT_MULTIPLES]
-            scene_noise = _best(self.held_out, choices)[1]
+            scene_noise = _best(self.held_out, choices, scene_only=True)[1]
         if self.held_out and self.predictor.recalibrate:
             errors = [fold.standardised_error(noise, scene_noise) for fold in self.held_out]
             inflation = float(torch.stack(errors).mean())
@@ -121,6 +121,8 @@ def _positive(spread: Tensor, size: Tensor) -> Tensor:
     return torch.where(spread > 1e-9 * size, spread, torch.where(size > 0, size, 1.0))
 
 
-def _best(held_out: list[HeldOut], choices: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
-    scores = [float(torch.stack([fold.score(*choice) for fold in held_out]).mean()) for choice in choices]
+def _best(
+    held_out: list[HeldOut], choices: list[tuple[Tensor, Tensor]], scene_only: bool = False
+) -> tuple[Tensor, Tensor]:
+    scores = [float(torch.stack([fold.score(*choice, scene_only) for fold in held_out]).mean()) for choice in choices]
     return choices[max(range(len(choices)), key=scores.__getitem__)]

@@ -1,7 +1,8 @@
 """Recorded reaches to grasp cubes: how far will the hand open? Predicted from elbow, wrist and the cube's size.
 
 The person is one of two whom the fit has never seen. Compares watching, knowing the cube, both and neither with the
-published method after 20, 50 and 80 % of the motion; the first 20 to 30 % are rest. Reads reach_cube_train.npz in data_dir.
+published method after 20, 50 and 80 % of the motion, of which the first 0.3 s (about 30 %) are rest. Reads
+reach_cube_train.npz in data_dir.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
 
     folds = tqdm(consecutive_folds(demonstrations, cfg.num_folds), "people left out", disable=None)
     study = studied(demonstrations, folds, fit, METHODS, list(cfg.percent_seen), list(cfg.examples))
-    text = report.text(study, "px")
+    text = report.text(study, "px", "people")
     pictures.draw(folder, study, "px")
     with build(
         cfg.recording,

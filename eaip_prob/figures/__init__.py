@@ -5,7 +5,15 @@ matplotlib is imported inside the functions, so that importing this part costs n
 
 from eaip_prob.figures.charts import coverage_plot, pit_histogram, score_lines
 from eaip_prob.figures.paths import paths_panel
-from eaip_prob.figures.style import METHOD_STYLES, MethodStyle, method_styles, new_figure, outside_legend, save_figure
+from eaip_prob.figures.style import (
+    METHOD_STYLES,
+    MethodStyle,
+    method_styles,
+    new_figure,
+    outside_legend,
+    rgb,
+    save_figure,
+)
 
 __all__ = [
     "METHOD_STYLES",
@@ -16,6 +24,7 @@ __all__ = [
     "outside_legend",
     "paths_panel",
     "pit_histogram",
+    "rgb",
     "save_figure",
     "score_lines",
 ]

@@ -72,6 +72,16 @@ def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
     return found
 
 
+def rgb(color: str) -> tuple[int, int, int]:
+    """(red, green, blue), 0..255, of a colour such as `#0072B2`, for what takes no such words.
+
+    Example:
+        >>> rgb("#0072B2")
+        (0, 114, 178)
+    """
+    return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
+
+
 def new_figure(
     num_columns: int = 1, num_rows: int = 1, *, width: float = 5.2, height: float = 3.6, **axes: Any
 ) -> tuple[Figure, list[Axes]]:

@@ -27,12 +27,10 @@ ENVIRONMENT = "environment"
 class GaussianJointModel(AbstractJointModel):
     """Mean and covariance of all blocks; without an environment block this is IP, with one EaIP.
 
-    Two forms of the environment:
-        "block": features are weights like any others; their noise is the sensor's alone.
-        "regression": e = w_e^T (theta - mean) + mean(e), w_e by minimum-norm least squares (Eq. 16-20, centred). This
-            is a block with cov(theta, e) = Sigma w_e and cov(e) = w_e^T Sigma w_e, observed with noise sigma_e^2 that
-            also holds the residual of the regression.
-    They agree with the sample covariance and no more demonstrations than weights.
+    The environment has two forms. `block`: features are weights like any others, and their noise is the sensor's alone.
+    `regression`: e = w_e^T (theta - mean) + mean(e), w_e by minimum-norm least squares (Eq. 16-20, centred), which is a
+    block with cov(theta, e) = Sigma w_e and cov(e) = w_e^T Sigma w_e, observed with noise sigma_e^2 that also holds the
+    residual of the regression. They agree with the sample covariance and no more demonstrations than weights.
 
     Args:
         covariance: estimator; default shrinkage with a held-out amount.

@@ -13,7 +13,7 @@ from torch import Tensor
 from eaip_prob.data.environment import EnvironmentFeatures
 from eaip_prob.data.resampling import held
 from eaip_prob.data.trajectory import Trajectory
-from eaip_prob.figures import new_figure, outside_legend, paths_panel, save_figure, score_lines
+from eaip_prob.figures import method_styles, new_figure, outside_legend, paths_panel, rgb, save_figure, score_lines
 from eaip_prob.methods import EAIP, IP, PAPER_EAIP, FittedMethods
 from eaip_prob.recording import AbstractRunLogger, Moment
 from eaip_prob.tasks.passing_over.study import PLAN_SAMPLES, SCENARIOS, Beginnings
@@ -100,7 +100,7 @@ def draw_novel(
     success: Mapping[str, float],
 ) -> None:
     """Fig. 5: plans after ten samples for rectangles that nobody demonstrated."""
-    figure, axes = new_figure(2, 2, **_PANEL)
+    figure, axes = new_figure(2, 2, **_PANEL | {"width": 4.2, "height": 2.6})
     for ax, (size, _, paths) in zip(axes, plans, strict=True):
         name = f"{size[0]:g}x{size[1]:g}"
         paths_panel(
@@ -108,7 +108,7 @@ def draw_novel(
             rectangle=rectangle_of(size),
             plans=paths[:_PLANS_DRAWN],
             mean=paths.mean(0),
-            title=f"{size[0]:g} x {size[1]:g} px, novel: {success[name]:.1%} pass",
+            title=f"{size[0]:g} x {size[1]:g} px (novel): {success[name]:.1%} pass",
         )
     _finish(figure, axes, folder, "figure_5", 2)
 
@@ -138,15 +138,17 @@ def draw_feature_errors(
 
 def draw_error_scores(folder: Path, errors: Mapping[str, float], floor: float) -> None:
     """Fig. 7: DTW distance against the error in e, for each sigma_e."""
-    panels: dict[str, dict[str, dict[float, float]]] = {}
-    for name, value in errors.items():
-        kind, method, level, noise = name.split("/")
-        panel = panels.setdefault(f"{kind} in e, {'as published' if method == PAPER_EAIP else 'this package'}", {})
-        panel.setdefault(f"sigma_e {noise} px", {})[float(level)] = value
-    for panel in panels.values():
-        panel["real motions"] = {level: floor for level in next(iter(panel.values()))}
-    figure = score_lines(panels, "error in e (px)", "DTW distance to training motions (px)", log_y=True)
-    save_figure(figure, folder, "figure_7")
+    for kind, name in {"noise": "figure_7", "bias": "figure_7_bias"}.items():
+        panels: dict[str, dict[str, dict[float, float]]] = {"this package": {}, "as published": {}}
+        for key, value in errors.items():
+            if key.startswith(f"{kind}/"):
+                _, method, level, noise = key.split("/")
+                panel = panels["as published" if method == PAPER_EAIP else "this package"]
+                panel.setdefault(f"sigma_e {noise} px", {})[float(level)] = value
+        for panel in panels.values():
+            panel["real motions"] = {level: floor for level in next(iter(panel.values()))}
+        figure = score_lines(panels, f"{kind} in e (px)", "DTW distance to training motions (px)", log_y=True)
+        save_figure(figure, folder, name)
 
 
 def record(
@@ -198,7 +200,8 @@ def record(
     logger.series("evidence", times, torch.stack(evidence), ["log evidence (nats)"], samples_seen=seen)
     lines = _lines(scores, "both", "rmse")
     values = torch.tensor([[line[length] for line in lines.values()] for length in lengths], dtype=torch.float64)
-    logger.series("scores", times, values, list(lines), samples_seen=seen)
+    colors = [rgb(style.color) for style in method_styles(lines).values()]
+    logger.series("scores", times, values, list(lines), samples_seen=seen, color=colors)
     dtw = _lines(scores, "both", "dtw")
     logger.array("figure_3b", [[line[length] for line in dtw.values()] for length in lengths], ["samples", "method"])
     logger.text("scores", table)

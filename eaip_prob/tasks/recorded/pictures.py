@@ -20,7 +20,8 @@ from eaip_prob.figures import (
 )
 from eaip_prob.figures.style import as_array
 from eaip_prob.methods import EAIP, ENVIRONMENT, IP, MEAN, PAPER_EAIP
-from eaip_prob.tasks.recorded.study import GAINS, Example, Study, beginning
+from eaip_prob.tasks.recorded.folds import beginning
+from eaip_prob.tasks.recorded.study import GAINS, Example, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,19 +55,27 @@ def draw_scores(folder: Path, study: Study, unit: str) -> None:
         "nll": "negative log density (nats per sample)",
         "coverage90": "share inside the 90 % interval",
     }.items():
-        lines = {name: {p: summaries[name, p][score] for p in study.percents} for name in study.methods}
+        lines = {name: {float(p): summaries[name, p][score] for p in study.percents} for name in study.methods}
         figure = score_lines({"": lines}, SEEN, label)
         (ax,) = figure.axes
         ax.set_xticks(study.percents)
         if score == "rmse":
             ax.set_ylim(bottom=0.0)
         elif score == "nll":
-            # Over-confident methods differ by orders of magnitude, and densities above 1 make it negative.
-            ax.set_yscale("symlog", linthresh=_NLL_LINEAR)
+            _signed_log(ax)
         else:
             ax.axhline(0.9, color="#444444", linewidth=1, linestyle="--")
             ax.set_ylim(0.0, 1.02)
         save_figure(figure, folder, f"scores_{score}")
+
+
+def _signed_log(ax: Axes) -> None:
+    """Over-confident methods differ by orders of magnitude, and densities above 1 make their nll negative."""
+    from matplotlib.ticker import ScalarFormatter, SymmetricalLogLocator
+
+    ax.set_yscale("symlog", linthresh=_NLL_LINEAR)
+    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=_NLL_LINEAR, subs=[1, 2, 5]))
+    ax.yaxis.set_major_formatter(ScalarFormatter())
 
 
 def draw_gains(folder: Path, study: Study, unit: str) -> None:
@@ -92,7 +101,10 @@ def draw_calibration(folder: Path, study: Study) -> None:
     percent = study.percents[len(study.percents) // 2]
     shown = [name for name in (MEAN, ENVIRONMENT, IP, EAIP, PAPER_EAIP) if name in study.methods]
     levels = {name: study.results[name, percent].pit for name in shown}
-    inside = {name: [float(((pit - 0.5).abs() <= level / 2).double().mean()) for level in LEVELS] for name, pit in levels.items()}
+    inside = {
+        name: [float(((pit - 0.5).abs() <= level / 2).double().mean()) for level in LEVELS]
+        for name, pit in levels.items()
+    }
     figure = coverage_plot(LEVELS, inside)
     figure.axes[0].set_title(f"{percent} % seen")
     save_figure(figure, folder, "coverage")
@@ -145,7 +157,7 @@ def _draw_predicted(ax: Axes, example: Example, percent: int, signal: int, cut: 
         ax.plot(time, as_array(mean), color=style.color, linestyle=style.line, linewidth=1.6, label=name)
     seen = robot.mask[:, signal]
     truth = as_array(robot.values[seen][:, signal])
-    ax.plot(as_array(robot.time[seen]), truth, color="#222222", linewidth=1.2, linestyle="--", label="robot: what followed")
+    ax.plot(as_array(robot.time[seen]), truth, color="#222222", linewidth=1.2, linestyle="--", label="robot: true")
     ax.axvline(cut, color="#444444", linewidth=0.8)
 
 

@@ -12,9 +12,10 @@ from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.methods import EAIP
 from eaip_prob.recording import AbstractRunLogger, Moment
 from eaip_prob.recording.records import OBSERVED
-from eaip_prob.tasks.recorded.study import Example, Study, beginning
+from eaip_prob.tasks.recorded.folds import beginning
+from eaip_prob.tasks.recorded.study import Example, Study
 
-_DRAWS = 20
+_DRAWS = 10
 
 
 def record_reach(logger: AbstractRunLogger, study: Study, report: str) -> None:
@@ -55,22 +56,20 @@ def _record_signals(
     """True curves, and the prediction of `eaip` with its 90 % interval from each moment on."""
     for signal, name in enumerate(robot.names):
         seen = robot.mask[:, signal]
-        logger.series(f"signals/{name}/truth", robot.time[seen], robot.values[seen][:, signal, None], ["what followed"])
+        logger.series(f"signals/{name}/truth", robot.time[seen], robot.values[seen][:, signal, None], ["true"])
     human = _from_zero(example.motion.human)
     for moment, percent in _moments(human, percents):
         prediction = example.predictions[EAIP, percent]
-        ahead = robot.time >= moment.time
         lower, upper = prediction.interval(0.9)
-        draws = None if generator is None else prediction.sample(_DRAWS, generator)[:, ahead]
         logger.prediction(
             "giver/eaip" if taker is not None else "robot/eaip",
-            robot.time[ahead],
-            prediction.mean[ahead],
+            robot.time,
+            prediction.mean,
             robot.names,
             at=moment,
-            lower=lower[ahead],
-            upper=upper[ahead],
-            samples=draws,
+            lower=lower,
+            upper=upper,
+            samples=None if generator is None else prediction.sample(_DRAWS, generator),
             observed=None if taker is None else taker.values[taker.time <= moment.time],
         )
 

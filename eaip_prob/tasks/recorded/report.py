@@ -33,7 +33,7 @@ def verdicts(gains: Mapping[Key, Gain], unit: str) -> str:
 
     Example:
         >>> print(verdicts({("ip_over_mean", 20): Gain(2.0, 1.0, 3.0, 6)}, "px"))
-        20 % seen: watching the motion helps: rmse falls by 2 px (1 to 3).
+        20 % seen: watching the motion helps: rmse changes by -2 px (-3 to -1).
     """
     lines = []
     for name in GAINS:
@@ -44,23 +44,29 @@ def verdicts(gains: Mapping[Key, Gain], unit: str) -> str:
 
 
 def _verdict(gain: Gain, unit: str) -> str:
+    low, high = 0.0 - gain.high, 0.0 - gain.low
+    change = f"rmse changes by {0.0 - gain.mean:+.2g} {unit} ({low:+.2g} to {high:+.2g})."
     if gain.holds_zero:
-        return f"makes no difference that can be told: rmse falls by {gain.mean:.2g} {unit} ({gain.low:.2g} to {gain.high:.2g})."
-    if gain.low > 0:
-        return f"helps: rmse falls by {gain.mean:.2g} {unit} ({gain.low:.2g} to {gain.high:.2g})."
-    return f"does harm: rmse rises by {-gain.mean:.2g} {unit} ({-gain.high:.2g} to {-gain.low:.2g})."
+        return f"does not help here as far as can be told: {change}"
+    return f"{'helps' if gain.low > 0 else 'does harm'}: {change}"
 
 
-def text(study: Study, unit: str) -> str:
-    """All of it: scores, what fitting chose in each fold, and the verdicts; Markdown."""
+def text(study: Study, unit: str, groups: str) -> str:
+    """All of it: scores, what fitting chose in each fold, and the verdicts; Markdown.
+
+    Args:
+        study: what was measured.
+        unit: of the target.
+        groups: what the groups are, in the plural.
+    """
     count = len(set(study.groups))
     return "\n\n".join(
         [
             f"Scores on the future of {len(study.groups)} motions (rmse in {unit}; 90 % intervals should cover 0.9)",
             table(study),
-            "Chosen on held-out groups of the training motions, for each fold",
+            f"Chosen on held-out {groups} of the training motions, for each fold",
             text_table(study.chosen),
-            f"Does it help? 95 % intervals over {count} people or recordings",
+            f"Does it help? 95 % intervals over {count} {groups}",
             verdicts(study.gains(), unit),
         ]
     )
