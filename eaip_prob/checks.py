@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -37,8 +38,13 @@ def as_bool(name: str, values: Any) -> Tensor:
     return tensor
 
 
-def check_finite(name: str, values: Tensor, where: Tensor | None = None) -> None:
-    """Refuses NaN and infinity, looking only at entries where `where` holds.
+def check_finite(
+    name: str,
+    values: Tensor,
+    where: Tensor | None = None,
+    advice: str = "Mark missing samples with mask=False instead.",
+) -> None:
+    """Refuses NaN and infinity, looking only at entries where `where` holds; `advice` says what to do.
 
     Raises:
         InputError: names the first offending index.
@@ -52,7 +58,7 @@ def check_finite(name: str, values: Tensor, where: Tensor | None = None) -> None
         index = tuple(int(i) for i in bad.nonzero()[0])
         raise InputError(
             f"Expected finite numbers in {name}, got {float(values[index])} at index {index} "
-            f"({int(bad.sum())} such entries). Mark missing samples with mask=False instead."
+            f"({int(bad.sum())} such entries). {advice}"
         )
 
 
@@ -82,6 +88,19 @@ def check_names(name: str, names: Iterable[str], count: int) -> tuple[str, ...]:
     if len(result) != count or len(set(result)) != count or not all(isinstance(n, str) for n in result):
         raise InputError(f"Expected {count} different names in {name}, got {result}.")
     return result
+
+
+def check_type(name: str, value: Any, expected: type, advice: str) -> None:
+    """Refuses an object of another class; `advice` says how to make the right one."""
+    if not isinstance(value, expected):
+        raise InputError(f"Expected {name} as {expected.__name__}, got {type(value).__name__}. {advice}")
+
+
+def check_count(name: str, value: Any, least: int = 1) -> int:
+    """The value, which must be an integer of at least `least`."""
+    if not isinstance(value, numbers.Integral) or int(value) < least:
+        raise InputError(f"Expected {name} as an integer of at least {least}, got {value!r}.")
+    return int(value)
 
 
 def check_fraction(name: str, value: float) -> float:

@@ -19,19 +19,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from eaip_prob.linalg import (
+    lapack_cholesky,
+    lapack_triangular_solve,
     log_det,
     safe_cholesky,
+    single_arrays,
     symmetrised,
     trailing_rotation,
     triangular_solve,
     vector_matmul,
     whitened,
+    with_batch,
 )
 
 LOG_2PI = math.log(2.0 * math.pi)
@@ -59,11 +65,36 @@ class Information:
 
     def pulled(self, root: Float[Tensor, "*#batch weights columns"]) -> tuple[Tensor, Tensor] | None:
         """(L^T P L, L^T b) for these weights' rows of a root; None where P is so strong that digits would be lost."""
-        blocks = root.unflatten(-2, (-1, self.precision.shape[-1]))
+        single = single_arrays((self.precision, 3), (self.shift, 1), (root, 2))
+        if single is not None:
+            return _pulled_alone(single[1], *single[0])
+        size = self.precision.shape[-1]
+        blocks = root.reshape(*root.shape[:-2], root.shape[-2] // size, size, root.shape[-1])
         inner = root.mT @ (self.precision @ blocks).flatten(-3, -2)
-        if not float(inner.diagonal(dim1=-2, dim2=-1).sum(-1).amax()) <= _STRONGEST_INFORMATION:
+        if not float(inner.diagonal(dim1=-2, dim2=-1).amax()) <= _STRONGEST_INFORMATION:
             return None
         return inner, vector_matmul(self.shift, root)
+
+
+def _pulled_alone(
+    num_batch: int, precision: np.ndarray, shift: np.ndarray, root: np.ndarray
+) -> tuple[Tensor, Tensor] | None:
+    """`Information.pulled` of one member."""
+    scaled = (precision @ root.reshape(-1, precision.shape[-1], root.shape[-1])).reshape(root.shape)
+    inner = _symmetric_product(root, scaled)
+    if not inner.diagonal().max() <= _STRONGEST_INFORMATION:
+        return None
+    return with_batch(inner, num_batch), with_batch(shift @ root, num_batch)
+
+
+def _symmetric_product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """left^T right where that is known to be symmetric: three quarters of the product, the rest mirrored."""
+    size = right.shape[-1]
+    half, result = size // 2, np.empty((size, size))
+    np.matmul(left.T, right[:, :half], out=result[:, :half])
+    np.matmul(left.T[half:], right[:, half:], out=result[half:, half:])
+    result[:half, half:] = result[half:, :half].T
+    return result
 
 
 def white_terms(design: Tensor, residual: Tensor, weight: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -71,6 +102,33 @@ def white_terms(design: Tensor, residual: Tensor, weight: Tensor) -> tuple[Tenso
     scaled = residual * weight
     precision = (design * weight[..., None]).mT @ design
     return precision, (scaled[..., None, :] @ design)[..., 0, :], (scaled * residual).sum(-1)
+
+
+def white_information_alone(
+    num_batch: int, design: np.ndarray, value: np.ndarray, offset: np.ndarray, noise: np.ndarray, mean: np.ndarray
+) -> Information | None:
+    """Information of T samples of D signals that were all seen, for one member; None where one is without noise.
+
+    Args:
+        num_batch: number of batch axes of the result, each of size 1.
+        design: (T, B).
+        value: (D, T).
+        offset: (D, T), or 1 for an axis.
+        noise: (D, T) variances, or 1 for an axis.
+        mean: (D B,), the reference of the weights.
+    """
+    if not noise.min() > 0:
+        return None
+    weight, residual = 1.0 / noise, value - offset - mean.reshape(-1, design.shape[-1]) @ design.T
+    scaled = residual * weight
+    if noise.shape[-1] == 1:
+        precision = (design.T @ design) * weight[..., None]
+    else:
+        precision = (design * weight[..., None]).mT @ design
+    log_noise = np.log(noise).sum() * (residual.size // noise.size)
+    log_scale = np.array(-0.5 * (np.vdot(scaled, residual) + log_noise + residual.size * LOG_2PI))
+    shift = (scaled @ design).reshape(-1)
+    return Information(with_batch(precision, num_batch), with_batch(shift, num_batch), with_batch(log_scale, num_batch))
 
 
 def correlated_terms(design: Tensor, residual: Tensor, noise: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -112,12 +170,21 @@ class SplitRoot:
         eye = torch.eye(seen.shape[-1], dtype=root.dtype)
         return cls(seen.contiguous(), used.contiguous(), unexplained, eye)
 
+    @cached_property
+    def single(self) -> tuple[list[np.ndarray], int] | None:
+        """([eye, kept, unexplained if there is any], number of batch axes) for one member; None for a batch."""
+        rest = [] if self.unexplained is None else [(self.unexplained, 2)]
+        return single_arrays((self.eye, 2), (self.kept, 2), *rest)
+
 
 def update_by_information(split: SplitRoot, pulled: Sequence[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor, Tensor]:
     """(shift of the kept mean, their covariance, log evidence beside the observations' log scales)."""
     inner, pull = pulled[0]
     for more_inner, more_pull in pulled[1:]:
         inner, pull = inner + more_inner, pull + more_pull
+    alone = _update_alone(split, inner, pull)
+    if alone is not None:
+        return alone
     factor = safe_cholesky(split.eye + inner, "posterior precision")
     white = whitened(factor, pull)
     num = split.kept.shape[-1]
@@ -127,6 +194,26 @@ def update_by_information(split: SplitRoot, pulled: Sequence[tuple[Tensor, Tenso
         covariance = covariance + split.unexplained
     log_evidence = 0.5 * (white.square().sum(-1) - log_det(factor))
     return vector_matmul(white[..., -num:], half), covariance, log_evidence
+
+
+def _update_alone(split: SplitRoot, inner: Tensor, pull: Tensor) -> tuple[Tensor, Tensor, Tensor] | None:
+    """The same update for one member; None for a batch, or where the precision has no Cholesky factor as it is."""
+    single = single_arrays((inner, 2), (pull, 1))
+    if single is None or split.single is None:
+        return None
+    (information, pulled), (eye, kept, *unexplained) = single[0], split.single[0]
+    factored = lapack_cholesky(information + eye)
+    if factored is None:
+        return None
+    factor, log_determinant = factored
+    white, num = lapack_triangular_solve(factor, pulled), kept.shape[-1]
+    half = lapack_triangular_solve(factor[-num:, -num:], kept.T)
+    covariance = half.T @ half
+    for part in unexplained:
+        covariance += part
+    gained = np.array(0.5 * (white @ white - log_determinant))
+    num_batch = max(single[1], split.single[1])
+    return with_batch(white[-num:] @ half, num_batch), with_batch(covariance, num_batch), with_batch(gained, num_batch)
 
 
 def update_by_rows(

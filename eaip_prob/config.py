@@ -7,17 +7,20 @@ key, what came and what to do.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
+import os
 import re
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from eaip_prob.errors import EaipError, InputError
 
 _PACKAGE = Path(__file__).resolve().parent
+_FULL_ERROR = "HYDRA_FULL_ERROR"
 
 
 def conf_dir() -> Path:
@@ -92,6 +95,55 @@ def build(cfg: Any, **arguments: Any) -> Any:
         return function
     _check_arguments(key, function)
     return function()
+
+
+def check_kinds(cfg: Mapping[str, Any] | Any, defaults: Mapping[str, Any] | Any) -> None:
+    """Numbers and lists of numbers must stay what they are by default; a word would fail long after the start.
+
+    Args:
+        cfg: what a command line gave.
+        defaults: the same configuration without overrides.
+
+    Raises:
+        InputError: names the key.
+
+    Example:
+        >>> check_kinds({"seed": 3, "lengths": [10]}, {"seed": 0, "lengths": [10, 20]})
+    """
+    for key in cfg:
+        default, given = defaults.get(key), cfg.get(key)
+        if _are_numbers(default) and not _are_numbers(given):
+            raise InputError(f"Expected {key} as a list of numbers, such as {list(default or ())}, got {given!r}.")
+        if _is_number(default) and not (_is_number(given) and isinstance(given, (type(default), int))):
+            kind = "an integer" if isinstance(default, int) else "a number"
+            raise InputError(f"Expected {key} as {kind}, such as {default}, got {given!r}.")
+
+
+@contextlib.contextmanager
+def hydra_hands_errors_on() -> Iterator[bool]:
+    """Lets Hydra hand its errors on, which it would print itself; yields whether a full traceback was asked for."""
+    before = os.environ.get(_FULL_ERROR)
+    os.environ[_FULL_ERROR] = "1"
+    try:
+        yield before == "1"
+    finally:
+        os.environ.pop(_FULL_ERROR)
+        os.environ.update({} if before is None else {_FULL_ERROR: before})
+
+
+def refusal(error: Exception) -> InputError:
+    """What Hydra says about a command line, in one sentence and without the folders it searched."""
+    text = str(error).split("\nConfig search path")[0]
+    return InputError(f"Expected keys and options that exist, got: {' '.join(text.split())}. See --help.")
+
+
+def _are_numbers(value: Any) -> bool:
+    is_list = isinstance(value, Sequence) and not isinstance(value, str)
+    return is_list and len(value) > 0 and all(_is_number(entry) for entry in value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _key(cfg: Any) -> str:

@@ -10,12 +10,22 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from eaip_prob.checks import as_float64
+from eaip_prob.checks import as_float64, check_count, check_finite
+from eaip_prob.errors import ShapeError
 from eaip_prob.evaluation.uncertainty import mixture_quantile
 from eaip_prob.linalg import symmetrised
 from eaip_prob.models.base import Posterior
 from eaip_prob.phase.base import PhaseEstimate
 from eaip_prob.primitives.base import AbstractPrimitive, Boundary
+
+
+def checked_times(time: Float[Tensor, "*#batch times"]) -> Float[Tensor, "*#batch times"]:
+    """Times to predict at, of which there must be at least one, all finite."""
+    time = as_float64("time", time)
+    if time.ndim == 0 or time.shape[-1] == 0:
+        raise ShapeError(f"Expected time with shape (*batch, S), S at least 1, got {tuple(time.shape)}.")
+    check_finite("time", time, advice="Ask for times in seconds on the clock of what was observed.")
+    return time
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +42,7 @@ class Prediction:
         block: name of the target.
         names: D signals.
         residual: (D,), variance of what the primitive cannot represent, units squared.
-        inflation: factor on variances that makes them right on held-out groups.
+        inflation: factor on all variances that makes intervals right on held-out groups.
         boundary: start of the motion, where the primitive needs it.
     """
 
@@ -48,7 +58,7 @@ class Prediction:
 
     def at(self, time: Float[Tensor, "*#batch times"]) -> Self:
         """The same prediction read at other times, seconds."""
-        return replace(self, time=as_float64("time", time))
+        return replace(self, time=checked_times(time))
 
     @property
     def log_evidence(self) -> Float[Tensor, "*batch"]:
@@ -80,7 +90,7 @@ class Prediction:
         """Marginal variance of each sample under each phase hypothesis."""
         blocks = self._weight_covariance.diagonal(dim1=-4, dim2=-2).movedim(-1, -3)
         matrix = self._design[0][..., None, :, :]
-        return ((matrix @ blocks) * matrix).sum(-1).mT * self.inflation + self.residual
+        return self.inflation * (((matrix @ blocks) * matrix).sum(-1).mT + self.residual)
 
     @property
     def _weight_covariance(self) -> Float[Tensor, "*#batch #components signals basis signals basis"]:
@@ -107,13 +117,15 @@ class Prediction:
     def covariance(self) -> Float[Tensor, "*batch times signals signals"]:
         """Covariance of the signals at each time, units squared."""
         matrix = self._design[0]
-        within = self.inflation * torch.einsum("...tb,...dbec,...tc->...tde", matrix, self._weight_covariance, matrix)
+        within = torch.einsum("...tb,...dbec,...tc->...tde", matrix, self._weight_covariance, matrix)
+        within = self.inflation * (within + torch.diag(self.residual))
         spread = self.component_means - self.mean[..., None, :, :]
         total = within + spread[..., :, None] * spread[..., None, :]
-        return symmetrised((self._weight[..., None] * total).sum(-4)) + torch.diag(self.residual)
+        return symmetrised((self._weight[..., None] * total).sum(-4))
 
     def plan(self, num_samples: int) -> Float[Tensor, "*batch samples signals"]:
         """The whole expected path, evenly over the phase from the start to the clock's limit, in the signals' units."""
+        check_count("num_samples", num_samples)
         path = torch.linspace(0.0, self.primitive.limit, num_samples, dtype=torch.float64)
         phase = path.expand(*self.phase.duration.shape, num_samples)
         matrix, offset = self.primitive.design(phase, self.phase.duration, self._start)
@@ -141,6 +153,7 @@ class Prediction:
             num: number of motions.
             generator: source of randomness.
         """
+        check_count("num", num)
         draws, index = self.posterior.inflated(self.inflation).sample(num, generator)
         matrix, offset = self._design
         paths = (self.primitive.per_signal(draws)[..., None, :, :] @ matrix.mT + offset).mT

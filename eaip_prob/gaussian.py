@@ -7,7 +7,7 @@ does not grow with their length; those without noise, or with so little that dig
 from __future__ import annotations
 
 import builtins
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, TypeAlias
@@ -79,7 +79,7 @@ class BlockLayout:
         self._require(blocks)
         return BlockLayout({block: self.sizes[block] for block in blocks})
 
-    def _require(self, blocks: Sequence[str]) -> None:
+    def _require(self, blocks: Collection[str]) -> None:
         unknown = [block for block in blocks if block not in self.sizes]
         if unknown or len(set(blocks)) != len(blocks):
             raise InputError(f"Expected different blocks among {self.names}, got {unknown or list(blocks)}.")
@@ -208,16 +208,16 @@ class BlockGaussian:
 
     def _touched(self, observations: Sequence[AbstractObservation]) -> _Names:
         """Blocks that are observed, in the layout's order, once the observations fit them."""
-        columns = {block: size for observation in observations for block, size in observation.num_columns.items()}
-        self.layout.select(tuple(columns))
-        for observation in observations:
-            for block, size in observation.num_columns.items():
-                if size != self.layout.sizes[block]:
-                    raise ShapeError(
-                        f"Expected an observation of block {block!r} with {self.layout.sizes[block]} columns, got "
-                        f"{size}. Pass that block's rows only, from the primitive the model was fitted with."
-                    )
-        return tuple(block for block in self.layout.names if block in columns)
+        columns = [pair for observation in observations for pair in observation.num_columns.items()]
+        touched = dict(columns)
+        self.layout._require(touched)
+        for block, size in columns:
+            if size != self.layout.sizes[block]:
+                raise ShapeError(
+                    f"Expected an observation of block {block!r} with {self.layout.sizes[block]} columns, got "
+                    f"{size}. Pass that block's rows only, from the primitive the model was fitted with."
+                )
+        return tuple(block for block in self.layout.sizes if block in touched)
 
     def _split(self, touched: _Names, keep: _Names) -> _Split:
         """What every update of these blocks shares; kept, as a fitted joint is conditioned many times."""

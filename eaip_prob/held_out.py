@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from eaip_prob.data.environment import EnvironmentFeatures
@@ -14,6 +15,7 @@ from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.evaluation.scores import gaussian_mixture_nll
 from eaip_prob.evaluation.scoring import future_mask
 from eaip_prob.forecast import Prediction
+from eaip_prob.models import AbstractJointModel
 from eaip_prob.phase import known_phase
 from eaip_prob.prediction import InteractionPredictor
 from eaip_prob.training import HUMAN, Training
@@ -56,8 +58,8 @@ class HeldOut:
         parts = self._predictions(predictor, scene_only)
         return -torch.stack([self._nll(part, mask) for part, mask in parts]).mean()
 
-    def standardised_error(self, noise: Tensor, scene_noise: Tensor) -> Tensor:
-        """Mean squared error of held-out samples in units of their predicted variance; 1 where calibrated.
+    def standardised_errors(self, noise: Tensor, scene_noise: Tensor) -> Float[Tensor, "samples"]:
+        """Squared errors of held-out samples in units of their predicted variance.
 
         Samples of which the weights leave nothing uncertain (a signal that is constant) have no part in it.
         """
@@ -65,11 +67,8 @@ class HeldOut:
         squares = [torch.ones(0, dtype=torch.float64)]
         for prediction, mask in self._predictions(predictor):
             square = (prediction.mean - self.target.values).square() / prediction.variance
-            kept = mask & (prediction.variance > (1.0 + _UNCERTAIN) * prediction.residual)
-            if bool(kept.any()):
-                squares.append(square[kept].mean()[None])
-        means = torch.cat(squares)
-        return means.mean() if len(means) else means.new_ones(())
+            squares.append(square[mask & (prediction.variance > (1.0 + _UNCERTAIN) * prediction.residual)])
+        return torch.cat(squares)
 
     def _predictions(
         self, predictor: InteractionPredictor, scene_only: bool = False
@@ -98,24 +97,19 @@ class HeldOut:
         return gaussian_mixture_nll(means[kept], variances[kept], log_weight[kept], truth[kept], mask[kept]).mean()
 
 
-def held_out(predictor: InteractionPredictor, training: Training, fold: Tensor) -> HeldOut:
+def held_out(predictor: InteractionPredictor, training: Training, model: AbstractJointModel, fold: Tensor) -> HeldOut:
     """The joint model fitted without the fold; clock and primitives are those of all demonstrations.
 
     Args:
         predictor: not fitted; says how to predict.
         training: all demonstrations on one clock.
+        model: not fitted.
         fold: places of the demonstrations to leave out.
     """
     demonstrations = training.demonstrations
     kept = torch.ones(len(demonstrations), dtype=torch.bool)
     kept[fold] = False
-    observed = training.observed
-    model = predictor.model.fit(
-        {block: rows[kept] for block, rows in training.weights.items()},
-        None if observed is None else {block: rows[kept] for block, rows in observed.items()},
-        [group for group, inside in zip(demonstrations.groups, kept.tolist(), strict=True) if inside],
-        predictor.target,
-    )
+    model = training.fitted_model(model, predictor.target, kept.tolist())
     some = fold[torch.linspace(0, len(fold) - 1, min(len(fold), _MOTIONS_PER_FOLD)).round().long()]
     scene = demonstrations.environments
     return HeldOut(

@@ -8,16 +8,22 @@ Jitter here is for round-off alone; regularisation is a declared parameter of an
 from __future__ import annotations
 
 import math
+import os
 import warnings
 
+import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.linalg import get_lapack_funcs
 from torch import Tensor
 
 from eaip_prob.errors import NotPositiveDefiniteError, NumericalWarning
 
 _JITTERS = (1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
 _WARN_FROM = 1e-9
+# numpy's BLAS reads these at its import and heeds no later setting; with threads, small products wait for busy cores.
+_ONE_THREAD = (os.environ.get("OPENBLAS_NUM_THREADS") or os.environ.get("OMP_NUM_THREADS")) == "1"
+_POTRF, _TRTRS = get_lapack_funcs(("potrf", "trtrs"), dtype=np.float64)
 
 
 def symmetrised(matrix: Float[Tensor, "*batch n n"]) -> Float[Tensor, "*batch n n"]:
@@ -165,6 +171,68 @@ def trailing_rotation(rows: Float[Tensor, "*batch rows columns"]) -> Float[Tenso
     return torch.linalg.qr(rows.mT, mode="complete").Q.flip(-1)
 
 
+def single_arrays(*tensors: tuple[Tensor, int]) -> tuple[list[np.ndarray], int] | None:
+    """(views of tensors without their batch axes, the largest number of these); None unless there is one member.
+
+    For one matrix of a hundred rows numpy and LAPACK on one thread (OMP_NUM_THREADS=1) take half of torch's time. What
+    requires a gradient, has a batch axis of another size than 1, is not float64 or not on the CPU stays with torch.
+
+    Args:
+        tensors: each with the number of its trailing axes that are no batch.
+
+    Example:
+        >>> single_arrays((torch.zeros(2, 3, dtype=torch.float64), 1)) is None
+        True
+    """
+    if not _ONE_THREAD:
+        return None
+    arrays, most = [], 0
+    for tensor, num_event in tensors:
+        if tensor.requires_grad or tensor.dtype != torch.float64 or not tensor.is_cpu:
+            return None
+        array, num_batch = tensor.numpy(), tensor.ndim - num_event
+        if num_batch:
+            if array.shape[:num_batch].count(1) < num_batch:
+                return None
+            array, most = array.reshape(array.shape[num_batch:]), max(most, num_batch)
+        arrays.append(array)
+    return arrays, most
+
+
+def with_batch(array: np.ndarray, num_batch: int) -> Tensor:
+    """The array as a tensor that shares its memory, behind batch axes of size 1.
+
+    Example:
+        >>> with_batch(np.zeros(3), 2).shape
+        torch.Size([1, 1, 3])
+    """
+    return torch.from_numpy(array.reshape((1,) * num_batch + array.shape))
+
+
+def lapack_cholesky(matrix: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """(lower factor, its log determinant), or None where there is no finite one.
+
+    The factor takes the place of the matrix, transposed; its upper triangle is not set to zero.
+
+    Example:
+        >>> lapack_cholesky(np.eye(2) * 4.0)[0].diagonal().tolist(), lapack_cholesky(-np.eye(2))
+        ([2.0, 2.0], None)
+    """
+    factor, info = _POTRF(matrix.T, lower=1, clean=0, overwrite_a=1)
+    log_determinant = 2.0 * float(np.log(factor.diagonal()).sum()) if info == 0 else math.nan
+    return (factor, log_determinant) if math.isfinite(log_determinant) else None
+
+
+def lapack_triangular_solve(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of `factor @ x = right` for a lower factor, whose upper triangle is not read.
+
+    Example:
+        >>> lapack_triangular_solve(np.array([[2.0, 9.0], [0.0, 1.0]]), np.array([4.0, 3.0]))
+        array([2., 3.])
+    """
+    return _TRTRS(factor, right, lower=1)[0]
+
+
 def min_norm_solution(
     design: Float[Tensor, "rows columns"], target: Float[Tensor, "rows outputs"]
 ) -> Float[Tensor, "columns outputs"]:
@@ -208,3 +276,23 @@ def collapsed(tensor: Tensor, num_event: int) -> Tensor:
         if tensor.shape[axis] > 1 and bool((tensor == first).all()):
             tensor = first
     return tensor
+
+
+def orthonormal_coordinates(
+    gram: Float[Tensor, "n n"],
+) -> tuple[Float[Tensor, "n n"], Float[Tensor, "n n"]]:
+    """(R, R^-1) with R^T R = gram: coordinates R w in which w^T gram w is a plain sum of squares.
+
+    R is the symmetric root after scaling to a unit diagonal, which keeps each coordinate as close as can be to its own
+    weight (Loewdin) whatever the weights' units. Directions under 1e-10 of the largest count as 1e-10.
+
+    Example:
+        >>> forward, back = orthonormal_coordinates(torch.tensor([[4.0, 0.0], [0.0, 1.0]], dtype=torch.float64))
+        >>> forward.diagonal().tolist()
+        [2.0, 1.0]
+    """
+    diagonal = gram.diagonal()
+    scale = torch.where(diagonal > 0, diagonal, 1.0).sqrt()
+    values, vectors = torch.linalg.eigh(symmetrised(gram / scale[:, None] / scale))
+    roots = values.clamp_min(1e-10 * float(values.amax())).sqrt()
+    return (vectors * roots) @ vectors.mT * scale, (vectors / roots) @ vectors.mT / scale[:, None]

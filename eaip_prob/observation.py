@@ -21,8 +21,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from eaip_prob.checks import as_bool, as_float64, check_finite, check_shape
-from eaip_prob.conditioning import LOG_2PI, Information, correlated_terms, white_terms
+from eaip_prob.conditioning import LOG_2PI, Information, correlated_terms, white_information_alone, white_terms
 from eaip_prob.errors import InputError, ShapeError
+from eaip_prob.linalg import single_arrays
 
 
 class AbstractObservation(ABC):
@@ -206,6 +207,31 @@ class SharedDesignObservation(AbstractObservation):
         for key, field in fields.items():
             object.__setattr__(self, key, field)
 
+    @classmethod
+    def of_motion(
+        cls, block: str, design: Tensor, offset: Tensor, value: Tensor, variance: Tensor, mask: Tensor
+    ) -> SharedDesignObservation:
+        """The same from a trajectory's samples and a primitive's design, which have been checked: only the noise is.
+
+        Raises:
+            InputError: NaN or infinity in the noise.
+
+        Example:
+            >>> design, value, seen = torch.eye(3, 2), torch.ones(4, 3), torch.ones(4, 3, dtype=torch.bool)
+            >>> motion = SharedDesignObservation.of_motion(
+            ...     "human", design, torch.zeros(1, 1), value, torch.ones(4, 1), seen
+            ... )
+            >>> motion.num_columns, motion.mask is None
+            ({'human': 8}, True)
+        """
+        check_finite("noise", variance)
+        seen = None if mask.numpy().all() else mask
+        result = object.__new__(cls)
+        parts = {"block": block, "design": design, "offset": offset, "value": value, "noise": variance, "mask": seen}
+        for key, part in parts.items():
+            object.__setattr__(result, key, part)
+        return result
+
     @property
     def num_columns(self) -> Mapping[str, int]:
         """D B columns of the one block."""
@@ -213,23 +239,23 @@ class SharedDesignObservation(AbstractObservation):
 
     def information(self, mean: Mapping[str, Tensor]) -> Information | None:
         """See `AbstractObservation.information`; one diagonal block of precision for each signal."""
-        signals, samples = self.value.shape[-2:]
-        per_signal = mean[self.block].unflatten(-1, (signals, self.design.shape[-1]))
-        residual, noise = self.value - self.offset - per_signal @ self.design.mT, self._seen_noise()
-        if self.mask is not None:
-            residual = torch.where(self.mask, residual, 0.0)
+        if self.mask is None and not self.correlated:
+            fields = (self.design, 2), (self.value, 2), (self.offset, 2), (self.noise, 2), (mean[self.block], 1)
+            single = single_arrays(*fields)
+            if single is not None:
+                return white_information_alone(single[1], *single[0])
+        noise = self._seen_noise()
         if not float((noise.diagonal(dim1=-2, dim2=-1) if self.correlated else noise).amin()) > 0:
             return None
-        if self.correlated:
-            design = self.design[..., None, :, :]
-            design = design if self.mask is None else torch.where(self.mask[..., None], design, 0.0)
-            precision, shift, squares, log_noise = correlated_terms(design, residual, noise)
-        else:
-            precision, shift, squares, log_noise = self._white_terms(residual, noise)
+        reference, (signals, samples) = mean[self.block], self.value.shape[-2:]
+        expected = reference.reshape(*reference.shape[:-1], signals, self.design.shape[-1]) @ self.design.mT
+        residual = self.value - self.offset - expected
+        if self.mask is not None:
+            residual = torch.where(self.mask, residual, 0.0)
+        terms = self._correlated_terms if self.correlated else self._white_terms
+        precision, shift, squares, log_noise = terms(residual, noise)
         count = signals * samples if self.mask is None else self.mask.sum((-2, -1), dtype=torch.float64)
-        log_noise = log_noise.sum(-1) * (signals // log_noise.shape[-1])
-        scale = -0.5 * (squares.sum(-1) + log_noise + count * LOG_2PI)
-        return Information(precision, shift.flatten(-2), scale)
+        return Information(precision, shift.flatten(-2), -0.5 * (squares + log_noise + count * LOG_2PI))
 
     def _seen_noise(self) -> Tensor:
         if self.mask is None:
@@ -239,15 +265,24 @@ class SharedDesignObservation(AbstractObservation):
         both = self.mask[..., :, None] & self.mask[..., None, :]
         return torch.where(both, self.noise, torch.eye(both.shape[-1], dtype=self.noise.dtype))
 
+    def _correlated_terms(self, residual: Tensor, noise: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        design = self.design[..., None, :, :]
+        design = design if self.mask is None else torch.where(self.mask[..., None], design, 0.0)
+        precision, shift, squares, log_noise = correlated_terms(design, residual, noise)
+        return precision, shift, squares.sum(-1), log_noise.sum(-1) * (residual.shape[-2] // noise.shape[-3])
+
     def _white_terms(self, residual: Tensor, noise: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        if self.mask is not None or noise.shape[-1] > 1:
-            weight = (1.0 if self.mask is None else self.mask) / noise
-            return *white_terms(self.design[..., None, :, :], residual, weight), noise.log().sum(-1)
-        # Every sample of a signal counts alike, so that one Gram matrix serves all signals.
-        gram, weight = (self.design.mT @ self.design)[..., None, :, :], 1.0 / noise
+        weight, shared = noise.reciprocal(), self.mask is None and noise.shape[-1] == 1
         scaled = residual * weight
-        squares = (scaled * residual).sum(-1)
-        return gram * weight[..., None], scaled @ self.design, squares, noise[..., 0].log() * residual.shape[-1]
+        if shared:  # Every sample of a signal counts alike, so that one Gram matrix serves all signals.
+            precision = (self.design.mT @ self.design).unsqueeze(-3) * weight.unsqueeze(-1)
+        else:
+            weight = weight if self.mask is None else weight * self.mask
+            design = self.design[..., None, :, :]
+            precision = (design * weight[..., None]).mT @ design
+        repeats = residual.shape[-2:].numel() // noise.shape[-2:].numel()
+        log_noise = noise.log().sum((-2, -1)) * repeats
+        return precision, scaled @ self.design, (scaled * residual).sum((-2, -1)), log_noise
 
     def dense(self) -> LinearObservation:
         """Rows (d, t) signal-major."""

@@ -14,13 +14,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from eaip_prob.checks import as_float64, check_finite
+from eaip_prob.checks import as_float64, check_finite, check_type
 from eaip_prob.data.demonstrations import DemonstrationSet
-from eaip_prob.data.environment import EnvironmentFeatures
+from eaip_prob.data.environment import EnvironmentFeatures, check_scenes
 from eaip_prob.data.trajectory import Trajectory, stack
 from eaip_prob.errors import InputError, NotFittedError
 from eaip_prob.evidence import AbstractEvidence, PositionEvidence
-from eaip_prob.forecast import Prediction
+from eaip_prob.forecast import Prediction, checked_times
 from eaip_prob.linalg import collapsed
 from eaip_prob.models import AbstractJointModel, GaussianJointModel
 from eaip_prob.observation import AbstractObservation, LinearObservation
@@ -81,11 +81,26 @@ class InteractionPredictor:
     fitted: Fitted | None = None
 
     def __post_init__(self) -> None:
+        self._check_parts()
         if self.target not in (HUMAN, ROBOT) or self.criterion not in ("prediction", "evidence"):
             raise InputError(
                 f"Expected target 'human' or 'robot' and criterion 'prediction' or 'evidence', "
                 f"got {self.target!r} and {self.criterion!r}."
             )
+
+    def _check_parts(self) -> None:
+        parts = {"human": AbstractPrimitive, "robot": AbstractPrimitive}
+        parts |= {"evidence": AbstractEvidence, "model": AbstractJointModel}
+        for name, kind in parts.items():
+            check_type(name, getattr(self, name), kind, f"Pass an object of a class derived from it as {name}.")
+        if not self._clocks:
+            raise InputError("Expected at least one clock in phase, got none. Leave phase out for the default clocks.")
+        for clock in self._clocks:
+            check_type("phase", clock, AbstractPhaseEstimator, "Pass one clock, or several in a list.")
+
+    @property
+    def _clocks(self) -> list[AbstractPhaseEstimator]:
+        return [self.phase] if isinstance(self.phase, AbstractPhaseEstimator) else list(self.phase or ())
 
     def fit(self, demonstrations: DemonstrationSet) -> Self:
         """A predictor fitted to complete motions; `self` is unchanged.
@@ -96,20 +111,23 @@ class InteractionPredictor:
         from eaip_prob.selection import selected
 
         self._check_agents(demonstrations)
-        clocks = [self.phase] if isinstance(self.phase, AbstractPhaseEstimator) else list(self.phase)
         scene = demonstrations.environments
         noise = (
             self._given(self.noise, len(demonstrations.signals(HUMAN)), "noise"),
             self._given(self.environment_noise, len(scene.names) if scene else 0, "environment_noise"),
         )
         primitives = {HUMAN: self.human, ROBOT: self.robot}
+        models = self.model.candidates()
+        model = models[len(models) // 2]
         candidates = [
-            train(demonstrations, clock, primitives, self.model, self.target, noise, self.num_samples)
-            for clock in clocks
+            train(demonstrations, clock, primitives, model, self.target, noise, self.num_samples)
+            for clock in self._clocks
         ]
         return replace(self, fitted=selected(self, candidates))
 
     def _check_agents(self, demonstrations: DemonstrationSet) -> None:
+        advice = "Make one with DemonstrationSet(demonstrations)."
+        check_type("demonstrations", demonstrations, DemonstrationSet, advice)
         if HUMAN not in demonstrations.agents or self.target not in demonstrations.agents:
             raise InputError(
                 f"Expected demonstrations of the human and of the target {self.target!r}, got {demonstrations.agents}. "
@@ -119,13 +137,16 @@ class InteractionPredictor:
             raise InputError("Expected at least two demonstrations to learn a covariance, got one. Record more.")
 
     @staticmethod
-    def _given(noise: float | Sequence[float] | None, count: int, name: str) -> Tensor:
+    def _given(noise: float | Sequence[float] | Tensor | None, count: int, name: str) -> Tensor:
         """A given noise per signal; zeros stand in until a missing one is chosen."""
         if noise is None:
             return torch.zeros(count, dtype=torch.float64)
         values = as_float64(name, noise)
-        if values.numel() not in (1, count) or bool((values < 0).any()):
-            raise InputError(f"Expected {name} as one standard deviation or {count} of them, at least 0, got {noise}.")
+        usable = bool(((values >= 0) & values.isfinite()).all())
+        if values.shape not in ((), (1,), (count,)) or not usable:
+            raise InputError(
+                f"Expected {name} as one standard deviation or {count} of them, finite and at least 0, got {noise}."
+            )
         return values.expand(count).clone()
 
     def with_noise(self, noise: float | Tensor | None = None, environment_noise: float | Tensor | None = None) -> Self:
@@ -137,9 +158,9 @@ class InteractionPredictor:
         """
         fitted = self._require_fitted()
         if noise is not None:
-            fitted = replace(fitted, noise=as_float64("noise", noise).expand_as(fitted.noise))
+            fitted = replace(fitted, noise=self._given(noise, len(fitted.noise), "noise"))
         if environment_noise is not None:
-            value = as_float64("environment_noise", environment_noise).expand_as(fitted.environment_noise)
+            value = self._given(environment_noise, len(fitted.environment_noise), "environment_noise")
             fitted = replace(fitted, environment_noise=value)
         return replace(self, fitted=fitted)
 
@@ -165,6 +186,7 @@ class InteractionPredictor:
         Raises:
             NotFittedError: before `fit`.
             InputError: other signals or features than fitted.
+            ShapeError: another number of environments than of motions.
         """
         fitted = self._require_fitted()
         trajectory = observed if isinstance(observed, Trajectory) else stack(observed)
@@ -173,6 +195,8 @@ class InteractionPredictor:
         if phase is None:
             phase = fitted.phase.estimate(trajectory, environment)
         observations = [*also]
+        if environment is not None:
+            check_scenes(environment, trajectory.batch_shape)
         if bool(trajectory.mask.any()):
             boundary = self._boundary(trajectory, HUMAN)
             seen = self.evidence.observe(
@@ -183,7 +207,7 @@ class InteractionPredictor:
             observations += self._scene(environment)
         posterior = fitted.model.posterior(observations, phase.log_weight, keep=(self.target,))
         return Prediction(
-            time=self._times(trajectory, phase) if time is None else as_float64("time", time),
+            time=self._times(trajectory, phase) if time is None else checked_times(time),
             posterior=posterior,
             phase=phase,
             primitive=fitted.primitives[self.target],

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eaip_prob.config import conf_dir
+from eaip_prob.config import check_kinds, conf_dir, hydra_hands_errors_on, refusal
 from eaip_prob.errors import EaipError, InputError, MissingDataError
 from eaip_prob.provenance import description
 
@@ -56,11 +56,26 @@ class Experiment:
     def __call__(self) -> None:
         """Reads the command line, runs and ends the process with 0, or with 2 where the input was refused."""
         import hydra
+        from hydra.errors import HydraException
 
         if {"-h", "--help"} & set(sys.argv[1:]):
             print(textwrap.dedent(self.description).strip(), end="\n\n")
         main = hydra.main(version_base="1.3", config_path=str(self.conf.resolve()), config_name=self.name)
-        main(self._job)()
+        started: list[DictConfig] = []
+
+        def job(cfg: DictConfig) -> None:
+            started.append(cfg)
+            self._job(cfg, full)
+
+        with hydra_hands_errors_on() as full:
+            try:
+                main(job)()
+            except HydraException as error:
+                _refuse(refusal(error), full)
+            except OSError as error:
+                if started:
+                    raise
+                _refuse(InputError(f"Expected run_dir as a folder, or a new one, got: {error}. Choose another."), full)
 
     @property
     def description(self) -> str:
@@ -75,8 +90,11 @@ class Experiment:
             hydra.errors.HydraException: an override that no key or group answers to.
         """
         from hydra import compose, initialize_config_dir
+        from hydra.core.global_hydra import GlobalHydra
 
-        with initialize_config_dir(str(self.conf.resolve()), version_base="1.3"):
+        inside_a_run = GlobalHydra.instance().is_initialized()
+        folder = str(self.conf.resolve())
+        with contextlib.nullcontext() if inside_a_run else initialize_config_dir(folder, version_base="1.3"):
             return compose(self.name, overrides or [])
 
     def execute(self, cfg: DictConfig, folder: Path) -> dict[str, float] | None:
@@ -95,27 +113,33 @@ class Experiment:
         """
         folder.mkdir(parents=True, exist_ok=True)
         config = _resolved(cfg)
+        check_kinds(cfg, self.compose())
         if _is_finished(folder, config):
             return None
         write_text(folder / CONFIG, config)
         write_text(folder / ENVIRONMENT, json.dumps(description(cfg.get("seed")), indent=2, sort_keys=True) + "\n")
-        with torch_threads(int(cfg.get("threads", 1))):
-            metrics = flat_metrics(self.unwrapped(cfg, folder))
+        try:
+            with torch_threads(_num_threads(cfg)):
+                metrics = flat_metrics(self.unwrapped(cfg, folder))
+        except EaipError:
+            _leave_unstarted(folder)
+            raise
         write_text(folder / METRICS, json.dumps(metrics, indent=2, sort_keys=True, allow_nan=False) + "\n")
         return metrics
 
-    def _job(self, cfg: DictConfig) -> None:
+    def _job(self, cfg: DictConfig, full: bool) -> None:
         from hydra.core.hydra_config import HydraConfig
 
         folder = Path(HydraConfig.get().runtime.output_dir)
-        os.environ["OMP_NUM_THREADS"] = str(cfg.get("threads", 1))  # read when torch is imported, which is yet to come
         try:
+            # Read when torch is imported, which is yet to come.
+            os.environ["OMP_NUM_THREADS"] = str(_num_threads(cfg))
             metrics = self.execute(cfg, folder)
         except MissingDataError as error:
             print(error)
             return
         except EaipError as error:
-            _refuse(error)
+            _refuse(error, full)
         else:
             note = "" if metrics is not None else " (finished before, left as it is; choose another run_dir to repeat)"
             print(f"Results are in {os.path.relpath(folder)}{note}.")
@@ -180,8 +204,11 @@ def _number(name: str, value: Any) -> float:
 def write_text(path: Path, text: str) -> None:
     """Writes a file in one step: a reader, or a process that was stopped, sees all of it or nothing."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
@@ -223,8 +250,22 @@ def _is_finished(folder: Path, config: str) -> bool:
     return finished
 
 
-def _refuse(error: EaipError) -> None:
-    if os.environ.get("HYDRA_FULL_ERROR") == "1":
+def _num_threads(cfg: DictConfig) -> int:
+    count = cfg.get("threads", 1)
+    if not isinstance(count, int) or count < 1:
+        raise InputError(f"Expected threads as an integer of at least 1, got {count!r}.")
+    return count
+
+
+def _leave_unstarted(folder: Path) -> None:
+    """Removes what describes a run that was refused before it left anything, so that its folder can be used."""
+    if {path.name for path in folder.iterdir()} == {CONFIG, ENVIRONMENT}:
+        (folder / CONFIG).unlink()
+        (folder / ENVIRONMENT).unlink()
+
+
+def _refuse(error: EaipError, full: bool) -> None:
+    if full:
         traceback.print_exception(error)
     print(error, file=sys.stderr)
     sys.exit(EXIT_INPUT)

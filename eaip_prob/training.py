@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from jaxtyping import Float
@@ -58,6 +58,7 @@ class Training:
         phase: the demonstrations' clock.
         weights: {block: (N, K)}.
         observed: {block: (N, K)}, False where a feature was not observed; None where there are no features.
+        grams: {agent: (K, K)}, mean square of a motion as a function of its weights.
         fitted: everything but the noise, which is still zero where it is to be chosen.
     """
 
@@ -66,7 +67,22 @@ class Training:
     phase: PhaseEstimate
     weights: Mapping[str, Float[Tensor, "demonstrations weights"]]
     observed: Mapping[str, Tensor] | None
+    grams: Mapping[str, Float[Tensor, "weights weights"]]
     fitted: Fitted
+
+    def fitted_model(
+        self, model: AbstractJointModel, target: str, kept: Sequence[bool] | None = None
+    ) -> AbstractJointModel:
+        """A joint model fitted to these weights, or to the demonstrations `kept` of them."""
+        index = [number for number in range(len(self.demonstrations)) if kept is None or kept[number]]
+        observed = self.observed
+        return model.fit(
+            {block: rows[index] for block, rows in self.weights.items()},
+            None if observed is None else {block: rows[index] for block, rows in observed.items()},
+            [self.demonstrations.groups[number] for number in index],
+            target,
+            self.grams,
+        )
 
 
 def train(
@@ -103,15 +119,20 @@ def train(
     if scene is not None:
         weights[ENVIRONMENT] = scene.value
         observed = {ENVIRONMENT: scene.observed}
+    grams = {
+        agent: spanning[agent].gram(motions[agent].num_signals, phase.duration.median())
+        for agent in motions
+        if not spanning[agent].weights_are_positions
+    }
     starts = encoded[target].boundary
     fitted = Fitted(
         clock,
         spanning,
-        model.fit(weights, observed, demonstrations.groups, target),
+        model.fit(weights, observed, demonstrations.groups, target, grams),
         names,
         *noise,
         residual=encoded[target].residual,
         boundary=Boundary(starts.start.mean(0), starts.velocity.mean(0)),
         step=float(motions[target].time.diff(dim=-1).median()),
     )
-    return Training(demonstrations, motions, phase, weights, observed, fitted)
+    return Training(demonstrations, motions, phase, weights, observed, grams, fitted)

@@ -41,6 +41,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     demonstrations = task.demonstrations(cfg.num_train, cfg.seed)
     training = study.Beginnings.of(demonstrations, demonstrations)
     test = study.Beginnings.of(task.demonstrations(cfg.num_test, cfg.seed, "test"), demonstrations)
+    test.check_lengths(lengths)
     methods = FittedMethods.fit(build(cfg.predictor), build(cfg.paper), demonstrations, stream(0))
     floor = float(study.floor(test))
 

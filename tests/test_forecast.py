@@ -63,7 +63,8 @@ def slow(
         means.append(primitive.decode(weights, phase, DURATIONS[j], boundary)[0].numpy())
         row = primitive.design(phase, DURATIONS[j], boundary)[0][0].numpy()
         matrix = np.kron(np.eye(2), row)
-        totals.append(1.7 * matrix @ covariances[(*at, j)].numpy() @ matrix.T + np.diag(prediction.residual.numpy()))
+        within = matrix @ covariances[(*at, j)].numpy() @ matrix.T
+        totals.append(1.7 * (within + np.diag(prediction.residual.numpy())))
     return means, totals, posterior.weight[at].numpy()
 
 
@@ -117,7 +118,7 @@ def test_samples_have_the_moments(name: str, batch: tuple[int, ...]) -> None:
     assert ((draws.mean(0) - prediction.mean).abs() / (spread / num**0.5)).max() < 5
     deviation = draws - prediction.mean
     products = deviation[..., :, None] * deviation[..., None, :]
-    error = (products.mean(0) - (prediction.covariance - torch.diag(prediction.residual))).abs()
+    error = (products.mean(0) - (prediction.covariance - 1.7 * torch.diag(prediction.residual))).abs()
     assert (error / (products.std(0) / num**0.5).clamp_min(1e-9)).max() < 5
 
 
@@ -135,7 +136,8 @@ def test_samples_keep_one_hypothesis_and_are_smooth() -> None:
 def test_intervals_hold_the_samples() -> None:
     prediction, num, generator = forecast(), 8_000, torch.Generator().manual_seed(1)
     draws = prediction.sample(num, generator)
-    draws = draws + prediction.residual.sqrt() * torch.randn(draws.shape, generator=generator, dtype=torch.float64)
+    residual = (1.7 * prediction.residual).sqrt()
+    draws = draws + residual * torch.randn(draws.shape, generator=generator, dtype=torch.float64)
     low, high = prediction.interval(0.8)
     inside = ((draws > low) & (draws < high)).double().mean(0)
     assert ((inside - 0.8).abs() / (0.16 / num) ** 0.5).max() < 5

@@ -344,17 +344,19 @@ def test_bad_input_is_refused_by_name(case: str) -> None:
 
 def test_no_matrix_grows_with_the_length(monkeypatch: pytest.MonkeyPatch) -> None:
     sizes: list[int] = []
-    plain = conditioning.safe_cholesky
+    for name in ("safe_cholesky", "lapack_cholesky"):
+        plain = getattr(conditioning, name)
 
-    def recorded(matrix: Tensor, name: str = "covariance") -> Tensor:
-        sizes.append(matrix.shape[-1])
-        return plain(matrix, name)
+        def recorded(matrix: Any, *args: str, plain: Any = plain) -> Any:
+            sizes.append(matrix.shape[-1])
+            return plain(matrix, *args)
 
-    monkeypatch.setattr(conditioning, "safe_cholesky", recorded)
-    value, noise = randn(D, 500), torch.ones(D, 1)
-    seen = SharedDesignObservation("human", randn(500, B), torch.zeros(1, 1), value, noise)
-    prior().update([seen], keep=("robot",))
-    assert sizes == [D * B]
+        monkeypatch.setattr(conditioning, name, recorded)
+    for batch in ((), (2,)):
+        value, noise = randn(*batch, D, 500), torch.ones(D, 1)
+        seen = SharedDesignObservation("human", randn(500, B), torch.zeros(1, 1), value, noise)
+        prior().update([seen], keep=("robot",))
+    assert sizes == [D * B, D * B]
 
 
 @pytest.mark.parametrize("noise", [0.5, 0.0])

@@ -5,12 +5,14 @@ import warnings
 import numpy as np
 import pytest
 import torch
+from scipy.linalg import sqrtm
 from torch import Tensor
 
 from eaip_prob.errors import NotPositiveDefiniteError, NumericalWarning
 from eaip_prob.linalg import (
     log_det,
     min_norm_solution,
+    orthonormal_coordinates,
     psd_pseudo_solve,
     psd_root,
     psd_solve,
@@ -179,3 +181,40 @@ def test_pseudo_solve_ignores_a_constant_feature() -> None:
 def test_symmetrised_is_the_mean_with_the_transpose() -> None:
     matrix = randn(2, 3, 3)
     torch.testing.assert_close(symmetrised(matrix), (matrix + matrix.transpose(1, 2)) / 2)
+
+
+@pytest.mark.parametrize("n", [1, 5])
+def test_orthonormal_coordinates_make_the_gram_matrix_the_identity(n: int) -> None:
+    gram = spd(n=n)
+    forward, back = orthonormal_coordinates(gram)
+    size = gram.diagonal().sqrt()
+    np.testing.assert_allclose((forward.mT @ forward - gram) / size / size[:, None], np.zeros((n, n)), atol=1e-12)
+    np.testing.assert_allclose(forward @ back, np.eye(n), atol=1e-12)
+    np.testing.assert_allclose((back.mT @ gram @ back), np.eye(n), atol=1e-11)
+    for w in randn(4, n, seed=1):
+        assert float((forward @ w).square().sum()) == pytest.approx(float(w @ gram @ w), rel=1e-12)
+
+
+def test_orthonormal_coordinates_are_the_symmetric_root_at_unit_diagonal() -> None:
+    gram = spd()
+    size = gram.diagonal().sqrt().numpy()
+    expected = sqrtm(gram.numpy() / size / size[:, None]) * size
+    np.testing.assert_allclose(orthonormal_coordinates(gram)[0], expected, rtol=1e-10, atol=1e-12)
+
+
+def test_orthonormal_coordinates_of_weights_in_other_units_are_the_same() -> None:
+    gram, units = spd(), 2.0 ** torch.tensor([-20.0, 0.0, 10.0, 20.0, 3.0], dtype=torch.float64)
+    (forward, back), (other, inverse) = (orthonormal_coordinates(gram * u * u[:, None]) for u in (units**0, units))
+    torch.testing.assert_close(other, forward * units, rtol=1e-12, atol=0.0)
+    torch.testing.assert_close(inverse, back / units[:, None], rtol=1e-12, atol=0.0)
+
+
+def test_orthonormal_coordinates_of_singular_gram_matrices_stay_an_inverse() -> None:
+    gram = torch.zeros(6, 6, dtype=torch.float64)
+    gram[:5, :5] = spd(rank=2)
+    size = torch.cat([gram.diagonal()[:5].sqrt(), torch.ones(1, dtype=torch.float64)])
+    forward, back = orthonormal_coordinates(gram)
+    np.testing.assert_allclose(forward @ back, np.eye(6), atol=1e-9)
+    # The floor of 1e-10 of the largest eigenvalue, at most 6, is all that is added.
+    np.testing.assert_allclose((forward.mT @ forward - gram) / size / size[:, None], np.zeros((6, 6)), atol=6e-10)
+    assert float((back * size[:, None]).abs().max()) < 1.01e5

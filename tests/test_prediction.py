@@ -177,7 +177,7 @@ def dense(
     )
     matrix = np.einsum("tb,de->tdeb", rows, np.eye(2)).reshape(len(time), 2, -1)
     total = matrix @ covariance[robot, robot] @ matrix.transpose(0, 2, 1)
-    return matrix @ mean[robot], fit.inflation * total + np.diag(fit.residual)
+    return matrix @ mean[robot], fit.inflation * (total + np.diag(fit.residual))
 
 
 @pytest.mark.parametrize("which", ["fitted", "ragged"])
@@ -491,7 +491,7 @@ def test_via_point_of_the_robot_is_hit(which: str, request: pytest.FixtureReques
     via = LinearObservation({"robot": rows}, torch.zeros(2), goal, torch.full((2,), 1e-10))
     after = model.predict(seen, scene, time=at, also=[via])
     torch.testing.assert_close(after.mean[0], goal, rtol=0, atol=1e-4)
-    assert (after.variance[0] - model.fitted.residual).max() < 1e-6
+    assert (after.variance[0] - model.fitted.inflation * model.fitted.residual).max() < 1e-6
 
 
 def test_deterministic_and_without_side_effects() -> None:

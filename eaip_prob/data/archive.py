@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eaip_prob.errors import DataFileError, MissingDataError
+from eaip_prob.errors import DataFileError, InputError, MissingDataError
 
 _ADVICE = "data_dir to the folder that holds it"
 NUMBERS, INTEGERS, BOOLEANS, STRINGS = "fiu", "iu", "b", "U"
@@ -111,7 +111,12 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray]) -> Path:
     """Writes a .npz file whole or not at all: a file of that name stays as it was if writing fails.
 
     Missing folders are made. The same arrays give the same bytes.
+
+    Raises:
+        InputError: the path is a folder, or lies under a file.
     """
+    if path.is_dir() or any(parent.is_file() for parent in path.parents):
+        raise InputError(f"Expected the path of a file in a folder, got {path}, a folder or a path under a file.")
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:

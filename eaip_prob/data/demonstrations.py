@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import overload
 
+from eaip_prob.checks import check_type
 from eaip_prob.data.environment import EnvironmentFeatures, stack_environments
 from eaip_prob.data.trajectory import Trajectory, stack
 from eaip_prob.errors import InputError
@@ -35,6 +36,11 @@ class Demonstration:
 
     def __post_init__(self) -> None:
         agents = [agent for agent in (self.human, self.robot) if agent is not None]
+        for agent in agents:
+            check_type("human and robot", agent, Trajectory, "Make one with Trajectory(time, values, names).")
+        if self.environment is not None:
+            advice = "Make one with EnvironmentFeatures(names, value)."
+            check_type("environment", self.environment, EnvironmentFeatures, advice)
         if not agents:
             raise InputError("Expected a human or a robot trajectory in a demonstration, got neither.")
         if any(agent.batch_shape for agent in agents) or (
@@ -75,6 +81,8 @@ class DemonstrationSet(Sequence[Demonstration]):
             self._check_alike(number, demonstration)
 
     def _check_alike(self, number: int, demonstration: Demonstration) -> None:
+        advice = "Make one with Demonstration(human, robot, environment)."
+        check_type(f"member number {number} of the set", demonstration, Demonstration, advice)
         first = self._demonstrations[0]
         if demonstration.agents != first.agents or (demonstration.environment is None) != (first.environment is None):
             raise InputError(

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from eaip_prob.checks import as_bool, as_float64, check_finite, check_names, check_shape
+from eaip_prob.checks import as_bool, as_float64, check_finite, check_names, check_shape, check_type
 from eaip_prob.errors import InputError, ShapeError
 
 
@@ -49,7 +49,7 @@ class EnvironmentFeatures:
             raise ShapeError(
                 f"Expected observed with the shape of value, {tuple(value.shape)}, got {tuple(observed.shape)}."
             )
-        check_finite("value", value, where=observed)
+        check_finite("value", value, observed, "Mark missing features with observed=False instead.")
         covariance = self.covariance
         if covariance is None:
             covariance = value.new_zeros(*value.shape, count)
@@ -61,7 +61,7 @@ class EnvironmentFeatures:
                 f"got {tuple(covariance.shape)}."
             )
         covariance = covariance.expand(*value.shape, count)
-        check_finite("covariance", covariance)
+        check_finite("covariance", covariance, advice="Give the sensor's error, or leave it out.")
         if bool((covariance.diagonal(dim1=-2, dim2=-1) < 0).any()):
             raise InputError("Expected covariance of the features (units squared), got a negative variance.")
         object.__setattr__(self, "names", check_names("names", self.names, count))
@@ -115,3 +115,21 @@ def stack_environments(environments: Sequence[EnvironmentFeatures]) -> Environme
         torch.stack([features.covariance for features in ordered]),
         torch.stack([features.observed for features in ordered]),
     )
+
+
+def check_scenes(environment: EnvironmentFeatures, batch: torch.Size) -> None:
+    """Refuses what is no environment, or another number of them than of motions.
+
+    Raises:
+        InputError: something else than features.
+        ShapeError: batch axes that do not broadcast.
+    """
+    check_type("environment", environment, EnvironmentFeatures, "Make one with EnvironmentFeatures(names, value).")
+    scenes = environment.value.shape[:-1]
+    try:
+        torch.broadcast_shapes(scenes, batch)
+    except RuntimeError as error:
+        raise ShapeError(
+            f"Expected one environment for all motions or one for each, got a batch {tuple(scenes)} of environments "
+            f"for a batch {tuple(batch)} of motions."
+        ) from error

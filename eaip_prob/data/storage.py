@@ -58,7 +58,7 @@ def save(demonstrations: DemonstrationSet, path: str | Path) -> Path:
         the path.
 
     Raises:
-        InputError: a group that is neither an integer nor a string.
+        InputError: a group that is neither an integer nor a string, or a path that is a folder.
 
     Example:
         >>> import tempfile

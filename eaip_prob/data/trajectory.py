@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import numbers
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +12,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from eaip_prob.checks import as_bool, as_float64, check_finite, check_names, check_shape
+from eaip_prob.checks import as_bool, as_float64, check_finite, check_names, check_shape, check_type
 from eaip_prob.errors import InputError, ShapeError
+
+_ADVICE = "Make one with Trajectory(time, values, names)."
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +62,12 @@ class Trajectory:
             )
         check_shape("time", time, [num_samples])
         _check_batch("time", time.shape[:-1], values.shape[:-2])
-        check_finite("time", time)
+        check_finite("time", time, advice="Leave out samples whose time is unknown.")
         if bool((time.diff(dim=-1) <= 0).any()):
             at = tuple(int(i) for i in (time.diff(dim=-1) <= 0).nonzero()[0])
             raise InputError(
                 f"Expected strictly increasing time, got a step of {float(time.diff(dim=-1)[at]):.3g} s "
-                f"after sample {at}."
+                f"after sample {at}. Sort the samples and leave out repeated ones."
             )
         mask = torch.ones_like(values, dtype=torch.bool) if self.mask is None else as_bool("mask", self.mask)
         if mask.shape != values.shape:
@@ -87,7 +90,7 @@ class Trajectory:
         check_shape("noise", noise, [*shape[-2:], shape[-1]])
         _check_batch("noise", noise.shape[:-3], shape[:-2])
         noise = noise.expand(*shape, shape[-1])
-        check_finite("noise", noise)
+        check_finite("noise", noise, advice="Give the sensor's covariance, or noise=None.")
         if bool((noise.diagonal(dim1=-2, dim2=-1) < 0).any()):
             raise InputError("Expected noise as covariances (units squared), got a negative variance.")
         return noise
@@ -125,8 +128,10 @@ class Trajectory:
 
     def first(self, num_samples: int) -> Trajectory:
         """The first samples, as somebody watching would have seen them so far."""
-        if not 1 <= num_samples <= self.num_samples:
-            raise InputError(f"Expected num_samples from 1 to {self.num_samples}, got {num_samples}.")
+        if not (isinstance(num_samples, numbers.Integral) and 1 <= num_samples <= self.num_samples):
+            raise InputError(
+                f"Expected num_samples from 1 to {self.num_samples}, got {num_samples!r}. Give a whole number."
+            )
         return self._at_samples(slice(None, num_samples))
 
     def _at_samples(self, index: slice) -> Trajectory:
@@ -176,8 +181,12 @@ def stack(trajectories: Sequence[Trajectory]) -> Trajectory:
     Raises:
         InputError: no trajectory, names that differ, or noise given for some only.
     """
+    if not isinstance(trajectories, Sequence):
+        raise InputError(f"Expected a Trajectory or a sequence of them, got {type(trajectories).__name__}. {_ADVICE}")
     if not trajectories:
         raise InputError("Expected at least one trajectory to stack, got none.")
+    for trajectory in trajectories:
+        check_type("every member of the sequence", trajectory, Trajectory, _ADVICE)
     names = trajectories[0].names
     for trajectory in trajectories:
         if trajectory.names != names or trajectory.batch_shape:

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from eaip_prob.checks import check_finite
 from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.evidence.base import AbstractEvidence
 from eaip_prob.linalg import collapsed
@@ -37,10 +38,12 @@ class PositionEvidence(AbstractEvidence):
     ) -> AbstractObservation | None:
         """See `AbstractEvidence.observe`."""
         design, offset = primitive.design(phase, duration, _per_hypothesis(boundary))
-        value, mask = trajectory.values.mT[..., None, :, :], collapsed(trajectory.mask.mT[..., None, :, :], 2)
-        variance = noise.square()[..., None, :, None]
+        if boundary is not None:
+            check_finite("boundary", offset)
         if trajectory.noise is None:
-            return SharedDesignObservation(block, design, offset, value, variance, mask)
+            value, mask = trajectory.values.mT.unsqueeze(-3), collapsed(trajectory.mask.mT.unsqueeze(-3), 2)
+            variance = noise.square().unsqueeze(-1).unsqueeze(-3)
+            return SharedDesignObservation.of_motion(block, design, offset, value, variance, mask)
         return self._with_sensor(block, design, offset, trajectory, noise)
 
     @staticmethod

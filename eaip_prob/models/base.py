@@ -80,6 +80,7 @@ class AbstractJointModel(ABC):
         observed: Mapping[str, Bool[Tensor, "demonstrations weights"]] | None = None,
         groups: Sequence[int | str] | None = None,
         target: str = "robot",
+        grams: Mapping[str, Float[Tensor, "weights weights"]] | None = None,
     ) -> Self:
         """A model fitted to one row of weights per demonstration; `self` is unchanged.
 
@@ -88,7 +89,17 @@ class AbstractJointModel(ABC):
             observed: False where a weight (a feature of the scene) was not observed; default everything was.
             groups: N labels; held-out choices leave whole groups out. Default: every demonstration by itself.
             target: the block that will be predicted.
+            grams: {block: (K_block, K_block)}, w^T gram w is the mean square of the motion that weights w decode to.
+                Regularisation means the same for every primitive in coordinates in which it is the identity. Default:
+                the weights as they are.
         """
+
+    def candidates(self) -> tuple[Self, ...]:
+        """Models to choose from by what they predict on held-out groups; itself where nothing is open.
+
+        The one in the middle is taken where no group can be held out.
+        """
+        return (self,)
 
     @abstractmethod
     def posterior(

@@ -18,12 +18,17 @@ from eaip_prob.checks import check_fraction
 from eaip_prob.linalg import log_det, psd_pseudo_solve, safe_cholesky, symmetrised, triangular_solve
 
 _AMOUNTS = (1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.06, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
+_CANDIDATES = (0.001, 0.01, 0.1, 0.3, 0.6)
 DEFAULT_AMOUNT = 0.1
 
 
 @dataclass(frozen=True)
 class AbstractCovariance(ABC):
     """Estimates the covariance of weights; a subclass gives `estimate`."""
+
+    def candidates(self) -> tuple[AbstractCovariance, ...]:
+        """Estimators to choose from by what they predict on held-out groups; itself where nothing is open."""
+        return (self,)
 
     @abstractmethod
     def estimate(
@@ -78,6 +83,10 @@ class ShrinkageCovariance(AbstractCovariance):
     def __post_init__(self) -> None:
         if self.amount is not None:
             check_fraction("amount", self.amount)
+
+    def candidates(self) -> tuple[AbstractCovariance, ...]:
+        """Five amounts, unless one was given."""
+        return (self,) if self.amount is not None else tuple(ShrinkageCovariance(amount) for amount in _CANDIDATES)
 
     def estimate(
         self,

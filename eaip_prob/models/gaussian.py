@@ -13,7 +13,7 @@ from torch import Tensor
 from eaip_prob.checks import as_bool, as_float64, check_finite
 from eaip_prob.errors import InputError, NotFittedError, ShapeError
 from eaip_prob.gaussian import BlockGaussian, BlockLayout
-from eaip_prob.linalg import min_norm_solution, symmetrised
+from eaip_prob.linalg import min_norm_solution, orthonormal_coordinates, psd_root, symmetrised
 from eaip_prob.models.base import AbstractJointModel, Posterior, conditioned
 from eaip_prob.models.covariance import AbstractCovariance, ShrinkageCovariance
 from eaip_prob.models.folds import group_folds
@@ -52,17 +52,22 @@ class GaussianJointModel(AbstractJointModel):
         if self.environment not in ("block", "regression"):
             raise InputError(f"Expected environment 'block' or 'regression', got {self.environment!r}.")
 
+    def candidates(self) -> tuple[Self, ...]:
+        """One model for each candidate of the covariance estimator."""
+        return tuple(replace(self, covariance=covariance) for covariance in self.covariance.candidates())
+
     def fit(
         self,
         weights: Mapping[str, Float[Tensor, "demonstrations weights"]],
         observed: Mapping[str, Bool[Tensor, "demonstrations weights"]] | None = None,
         groups: Sequence[int | str] | None = None,
         target: str = "robot",
+        grams: Mapping[str, Float[Tensor, "weights weights"]] | None = None,
     ) -> Self:
         """See `AbstractJointModel.fit`.
 
         Raises:
-            ShapeError: blocks with different numbers of rows, or masks or groups that do not fit them.
+            ShapeError: blocks with different numbers of rows, or masks, groups or Gram matrices that do not fit them.
             InputError: fewer than two demonstrations, NaN, or an unknown target.
         """
         rows, layout = _table(weights, observed)
@@ -71,18 +76,40 @@ class GaussianJointModel(AbstractJointModel):
         folds = group_folds(range(len(rows)) if groups is None else groups)
         columns = layout.indices([target])
         if self.environment == "regression" and ENVIRONMENT in layout.names:
-            joint = self._regression(rows, layout, folds, columns)
+            joint = self._regression(rows, layout, folds, columns, grams or {})
         else:
             features = layout.indices([ENVIRONMENT]) if ENVIRONMENT in layout.names else columns[:0]
-            joint = BlockGaussian(rows.mean(0), self.covariance.estimate(rows, folds, columns, features), layout)
+            covariance = self._estimate(rows, _coordinates(layout, grams or {}), folds, columns, features)
+            joint = BlockGaussian(rows.mean(0), covariance, layout)
         return replace(self, joint=joint)
 
-    def _regression(self, rows: Tensor, layout: BlockLayout, folds: Sequence[Tensor], columns: Tensor) -> BlockGaussian:
+    def _estimate(
+        self,
+        rows: Tensor,
+        coordinates: tuple[Tensor, Tensor],
+        folds: Sequence[Tensor],
+        target: Tensor,
+        features: Tensor,
+    ) -> Float[Tensor, "weights weights"]:
+        """Covariance of the rows, regularised in the coordinates."""
+        forward, back = coordinates
+        half = back @ psd_root(self.covariance.estimate(rows @ forward.mT, folds, target, features))
+        return symmetrised(half @ half.mT)  # a product of roots stays positive semi-definite
+
+    def _regression(
+        self,
+        rows: Tensor,
+        layout: BlockLayout,
+        folds: Sequence[Tensor],
+        columns: Tensor,
+        grams: Mapping[str, Tensor],
+    ) -> BlockGaussian:
         features = layout.indices([ENVIRONMENT])
         theta = layout.indices([name for name in layout.names if name != ENVIRONMENT])
         where = torch.full((layout.total,), -1)
         where[theta] = torch.arange(len(theta))
-        sigma = self.covariance.estimate(rows[:, theta], folds, where[columns], features[:0])
+        forward, back = (matrix[theta[:, None], theta] for matrix in _coordinates(layout, grams))
+        sigma = self._estimate(rows[:, theta], (forward, back), folds, where[columns], features[:0])
         centred = rows - rows.mean(0)
         w_e = min_norm_solution(centred[:, theta], centred[:, features])
         covariance = rows.new_zeros(layout.total, layout.total)
@@ -119,6 +146,19 @@ class GaussianJointModel(AbstractJointModel):
         if missing:
             raise InputError(f"Expected a state with mean, covariance and sizes, {sorted(missing)} missing.")
         return replace(self, joint=BlockGaussian(state["mean"], state["covariance"], BlockLayout(state["sizes"])))
+
+
+def _coordinates(layout: BlockLayout, grams: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:
+    """(matrix to the coordinates in which all Gram matrices are the identity, its inverse), block by block."""
+    for block, gram in grams.items():
+        size = layout.sizes.get(block, 0)
+        if gram.shape != (size, size):
+            raise ShapeError(
+                f"Expected grams[{block!r}] with shape {(size, size)} for its {size} weights, got {tuple(gram.shape)}."
+            )
+    eye = {block: torch.eye(size, dtype=torch.float64) for block, size in layout.sizes.items()}
+    pairs = [orthonormal_coordinates(grams[block]) if block in grams else (eye[block], eye[block]) for block in eye]
+    return torch.block_diag(*[pair[0] for pair in pairs]), torch.block_diag(*[pair[1] for pair in pairs])
 
 
 def _table(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import torch
 from jaxtyping import Float
@@ -47,6 +47,7 @@ class AbstractPrimitive(ABC):
     """
 
     limit: float
+    weights_are_positions: ClassVar[bool] = False  # whether each weight is a position of the signal near one phase
 
     @property
     @abstractmethod
@@ -90,6 +91,21 @@ class AbstractPrimitive(ABC):
     def spanning(self, limit: float) -> Self:
         """The same primitive with bases over [0, limit]."""
         return replace(self, limit=check_positive("limit", limit))
+
+    def gram(
+        self, num_signals: int, duration: Tensor | float = 1.0, num_phases: int = 200
+    ) -> Float[Tensor, "weights weights"]:
+        """(K, K) matrix with w^T gram w the mean square of the positions that weights w decode to, over [0, limit].
+
+        Args:
+            num_signals: D.
+            duration: time in which the phase grows by 1, seconds; a start velocity in the weights counts with it.
+            num_phases: points over which the mean is taken.
+        """
+        phase = torch.linspace(0.0, self.limit, num_phases, dtype=torch.float64)
+        rest = torch.zeros(1, dtype=torch.float64)
+        matrix, _ = self.design(phase, duration, Boundary(rest, rest) if self.needs_boundary else None)
+        return torch.block_diag(*[matrix.mT @ matrix / num_phases] * num_signals)
 
     def design(
         self, phase: Tensor, duration: Tensor | float = 1.0, boundary: Boundary | None = None

@@ -5,6 +5,8 @@ Letters: s phase, c centre, h width, x = exp(-alpha_x s).
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -20,7 +22,7 @@ def normalised_gaussians(
         centres: c.
         widths: h, in the units of the points.
     """
-    return torch.softmax(-0.5 * ((points[..., None] - centres) / widths).square(), dim=-1)
+    return torch.softmax(((points.unsqueeze(-1) - centres) / widths).square() * -0.5, dim=-1)
 
 
 def phase_basis(
@@ -39,15 +41,21 @@ def phase_basis(
         order: 0 or 1.
     """
     inside = phase.clamp(0.0, limit)
-    spacing = limit / (num_basis - 3)
-    centres = spacing * torch.arange(-1, num_basis - 1, dtype=torch.float64)
-    width = overlap * spacing
-    basis = normalised_gaussians(inside, centres, centres.new_full((num_basis,), width))
+    centres, widths = _even_grid(num_basis, limit, overlap)
+    basis = normalised_gaussians(inside, centres, widths)
     if order == 0:
         return basis
-    slope = (centres - inside[..., None]) / width**2
+    slope = (centres - inside[..., None]) / widths.square()
     derivative = basis * (slope - (basis * slope).sum(-1, keepdim=True))
     return torch.where((phase == inside)[..., None], derivative, 0.0)
+
+
+@lru_cache(maxsize=32)
+def _even_grid(num_basis: int, limit: float, overlap: float) -> tuple[Tensor, Tensor]:
+    """(centres, widths) of `phase_basis`, which a control loop asks for at every step."""
+    spacing = limit / (num_basis - 3)
+    centres = spacing * torch.arange(-1, num_basis - 1, dtype=torch.float64)
+    return centres, centres.new_full((num_basis,), overlap * spacing)
 
 
 def forcing_basis(

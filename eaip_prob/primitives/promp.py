@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from jaxtyping import Float
 from torch import Tensor
@@ -37,6 +38,7 @@ class ProMP(AbstractPrimitive):
         True
     """
 
+    weights_are_positions: ClassVar[bool] = True
     limit: float = 1.0
     num_basis: int = 20
     ridge: float = 1e-6

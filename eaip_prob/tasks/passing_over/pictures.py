@@ -179,16 +179,15 @@ def record(
         prediction = methods.predict(EAIP, observed, scene, truth.time, truth.duration)
         lower, upper = prediction.interval(0.9)
         now = Moment(samples_seen=length, time=float(observed.time[-1]))
-        ahead = slice(length, None)
         logger.prediction(
             "human/eaip",
-            truth.time[ahead],
-            prediction.mean[ahead],
+            truth.time,
+            prediction.mean,
             truth.names,
             at=now,
-            lower=lower[ahead],
-            upper=upper[ahead],
-            samples=prediction.sample(20, generator)[:, ahead],
+            lower=lower,
+            upper=upper,
+            samples=prediction.sample(20, generator),
             observed=observed.values,
         )
         weight = prediction.posterior.weight

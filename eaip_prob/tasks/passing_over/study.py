@@ -13,6 +13,7 @@ from torch import Tensor
 from eaip_prob.data.demonstrations import DemonstrationSet
 from eaip_prob.data.environment import EnvironmentFeatures
 from eaip_prob.data.trajectory import Trajectory
+from eaip_prob.errors import InputError
 from eaip_prob.evaluation import dtw_to_motions, explained, paired_gain
 from eaip_prob.forecast import Prediction
 from eaip_prob.methods import EAIP, ENVIRONMENT, IP, MEAN, PAPER_EAIP, PAPER_IP, FittedMethods, MotionScores, score
@@ -55,6 +56,20 @@ class Beginnings:
     def seen(self, num_samples: int, hidden: Sequence[str] = ()) -> Trajectory:
         """The first samples, signals hidden from the observer masked."""
         return self.motions.first(num_samples).hide(hidden)
+
+    def check_lengths(self, lengths: Sequence[int]) -> None:
+        """Refuses beginnings after which a motion has no future to predict.
+
+        Raises:
+            InputError: a length outside the shortest motion.
+        """
+        shortest = int(self.motions.seen.sum(-1).amin())
+        wrong = [length for length in lengths if not (isinstance(length, int) and 1 <= length < shortest)]
+        if wrong:
+            raise InputError(
+                f"Expected samples_seen as integers from 1 to {shortest - 1}, which leaves every test motion a future, "
+                f"got {wrong}."
+            )
 
     def dtw(self, plans: Float[Tensor, "motions samples 2"]) -> Float[Tensor, ""]:
         """Summed Euclidean DTW cost of each plan to the training motions of its rectangle, mean over all, px."""

@@ -74,7 +74,7 @@ def _signed_log(ax: Axes) -> None:
     from matplotlib.ticker import ScalarFormatter, SymmetricalLogLocator
 
     ax.set_yscale("symlog", linthresh=_NLL_LINEAR)
-    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=_NLL_LINEAR, subs=[1, 2, 5]))
+    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=_NLL_LINEAR, subs=[1, 2, 3, 5]))
     ax.yaxis.set_major_formatter(ScalarFormatter())
 
 
