@@ -41,7 +41,7 @@ def test_conf_dir_is_the_checkouts():
 
 
 def test_repository_path():
-    assert repository_path("../shared/x") == Path(__file__).parents[2] / "shared" / "x"
+    assert repository_path("../shared/x") == (Path(__file__).parents[2] / "shared" / "x").resolve()
     assert repository_path("/some/where") == Path("/some/where")
 
 
