@@ -75,7 +75,8 @@ class ShrinkageCovariance(AbstractCovariance):
 
     Args:
         amount: between 0 and 1; None chooses it by the held-out likelihood of the target given all other weights, or
-            takes 0.1 where no group can be left out.
+            takes 0.1 where no group can be left out. An `InteractionPredictor` chooses among `candidates` instead, by
+            the held-out density of the target's future given the beginning of a motion.
     """
 
     amount: float | None = None
