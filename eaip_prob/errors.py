@@ -43,3 +43,11 @@ class MissingExtraError(EaipError, ImportError):
 
 class NumericalWarning(UserWarning):
     """Round-off needed a correction; the message names its size."""
+
+
+class HeldOutWarning(UserWarning):
+    """Nothing could be left out, so that stated defaults stand where a choice on held-out groups would be."""
+
+
+class ExtrapolationWarning(UserWarning):
+    """A prediction was asked for something far from what was demonstrated; the message says what."""

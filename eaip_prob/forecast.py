@@ -42,7 +42,8 @@ class Prediction:
         block: name of the target.
         names: D signals.
         residual: (D,), variance of what the primitive cannot represent, units squared.
-        inflation: factor on all variances that makes intervals right on held-out groups.
+        inflation: (*#batch,), factor on all variances that makes intervals right on held-out groups, and for scenes
+            far from those demonstrated.
         boundary: start of the motion, where the primitive needs it.
     """
 
@@ -53,7 +54,7 @@ class Prediction:
     block: str
     names: tuple[str, ...]
     residual: Float[Tensor, "signals"]
-    inflation: float = 1.0
+    inflation: Float[Tensor, "*#batch"] | float = 1.0
     boundary: Boundary | None = None
 
     def at(self, time: Float[Tensor, "*#batch times"]) -> Self:
@@ -90,7 +91,12 @@ class Prediction:
         """Marginal variance of each sample under each phase hypothesis."""
         blocks = self._weight_covariance.diagonal(dim1=-4, dim2=-2).movedim(-1, -3)
         matrix = self._design[0][..., None, :, :]
-        return self.inflation * (((matrix @ blocks) * matrix).sum(-1).mT + self.residual)
+        return self._factor[..., None] * (((matrix @ blocks) * matrix).sum(-1).mT + self.residual)
+
+    @property
+    def _factor(self) -> Float[Tensor, "*#batch 1 1"]:
+        """The inflation with axes for hypotheses and times."""
+        return torch.as_tensor(self.inflation, dtype=torch.float64)[..., None, None]
 
     @property
     def _weight_covariance(self) -> Float[Tensor, "*#batch #components signals basis signals basis"]:
@@ -118,7 +124,7 @@ class Prediction:
         """Covariance of the signals at each time, units squared."""
         matrix = self._design[0]
         within = torch.einsum("...tb,...dbec,...tc->...tde", matrix, self._weight_covariance, matrix)
-        within = self.inflation * (within + torch.diag(self.residual))
+        within = self._factor[..., None, None] * (within + torch.diag(self.residual))
         spread = self.component_means - self.mean[..., None, :, :]
         total = within + spread[..., :, None] * spread[..., None, :]
         return symmetrised((self._weight[..., None] * total).sum(-4))

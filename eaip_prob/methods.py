@@ -1,8 +1,9 @@
 """The methods that every table compares, behind one call.
 
-`mean`, `environment`, `ip` and `eaip` are one fitted predictor with blocks unobserved; `eaip_shuffled` is fitted to
-environments shuffled over the demonstrations, which shows what a useless environment costs; `paper_ip` and `paper_eaip`
-are the method as published; `eaip_known_phase` is told the true duration, a study outside every comparison.
+`mean`, `environment`, `ip` and `eaip` are one fitted predictor with blocks unobserved; `eaip_kernel` weights the
+demonstrations by their environment; `eaip_shuffled` is fitted to environments shuffled over the demonstrations, which
+shows what a useless environment costs; `paper_ip` and `paper_eaip` are the method as published; `eaip_known_phase` is
+told the true duration, a study outside every comparison.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.evaluation import future_mask, gaussian_mixture_nll, mixture_pit, squared_error
 from eaip_prob.evaluation.scoring import scored_mean
 from eaip_prob.forecast import Prediction
+from eaip_prob.models import KernelJointModel
 from eaip_prob.phase import KnownPhase, known_phase
 from eaip_prob.prediction import InteractionPredictor
 
 MEAN, ENVIRONMENT, IP, EAIP = "mean", "environment", "ip", "eaip"
-SHUFFLED, PAPER_IP, PAPER_EAIP, KNOWN = "eaip_shuffled", "paper_ip", "paper_eaip", "eaip_known_phase"
-METHODS = (MEAN, ENVIRONMENT, IP, EAIP, SHUFFLED, PAPER_IP, PAPER_EAIP, KNOWN)
+KERNEL, SHUFFLED, KNOWN = "eaip_kernel", "eaip_shuffled", "eaip_known_phase"
+PAPER_IP, PAPER_EAIP = "paper_ip", "paper_eaip"
+METHODS = (MEAN, ENVIRONMENT, IP, EAIP, KERNEL, SHUFFLED, PAPER_IP, PAPER_EAIP, KNOWN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +37,14 @@ class FittedMethods:
 
     Args:
         ours: the package's predictor.
+        kernel: the same with demonstrations weighted by their environment.
         shuffled: the same, environments shuffled.
         paper: the published method.
         known: ours with every demonstration on its own duration.
     """
 
     ours: InteractionPredictor
+    kernel: InteractionPredictor
     shuffled: InteractionPredictor
     paper: InteractionPredictor
     known: InteractionPredictor
@@ -52,12 +57,15 @@ class FittedMethods:
         demonstrations: DemonstrationSet,
         generator: torch.Generator,
     ) -> FittedMethods:
-        """Fits the four predictors; `generator` shuffles the environments."""
+        """Fits the five predictors; `generator` shuffles the environments."""
+        ours = predictor.fit(demonstrations)
+        alone = ours.require_fitted().alone
         return cls(
-            predictor.fit(demonstrations),
-            predictor.fit(shuffled_environments(demonstrations, generator)),
+            ours,
+            replace(predictor, model=KernelJointModel()).fit(demonstrations, alone),
+            predictor.fit(shuffled_environments(demonstrations, generator), alone),
             paper.fit(demonstrations),
-            replace(predictor, phase=KnownPhase()).fit(demonstrations),
+            replace(predictor, phase=KnownPhase(), separate=False).fit(demonstrations),
         )
 
     def predict(
@@ -82,8 +90,8 @@ class FittedMethods:
             return self.ours.predict(observed.hide(observed.names), scene, time)
         if method in (PAPER_IP, PAPER_EAIP):
             return self.paper.predict(observed, scene, time)
-        if method == SHUFFLED:
-            return self.shuffled.predict(observed, scene, time)
+        if method in (KERNEL, SHUFFLED):
+            return (self.kernel if method == KERNEL else self.shuffled).predict(observed, scene, time)
         if method == KNOWN:
             return self.known.predict(observed, scene, time, phase=known_phase(observed, duration))
         return self.ours.predict(observed, scene, time)

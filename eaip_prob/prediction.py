@@ -6,47 +6,60 @@ immutable: `fit` returns a fitted predictor.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Self, TypeVar
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from eaip_prob.checks import as_float64, check_finite, check_type
+from eaip_prob.checks import as_float64, check_type
 from eaip_prob.data.demonstrations import DemonstrationSet
 from eaip_prob.data.environment import EnvironmentFeatures, check_scenes
+from eaip_prob.data.features import AbstractFeatureMap, QuadraticFeatures, RawFeatures
 from eaip_prob.data.trajectory import Trajectory, stack
-from eaip_prob.errors import InputError, NotFittedError
+from eaip_prob.errors import ExtrapolationWarning, InputError, NotFittedError
 from eaip_prob.evidence import AbstractEvidence, PositionEvidence
-from eaip_prob.forecast import Prediction, checked_times
-from eaip_prob.linalg import collapsed
+from eaip_prob.forecast import Prediction
+from eaip_prob.inference import predicted
 from eaip_prob.models import AbstractJointModel, GaussianJointModel
-from eaip_prob.observation import AbstractObservation, LinearObservation
-from eaip_prob.phase import AbstractPhaseEstimator, ElapsedClock, MarginalClock, PhaseEstimate
-from eaip_prob.primitives import DMP, AbstractPrimitive, Boundary, ProMP, initial_boundary
-from eaip_prob.training import ENVIRONMENT, HUMAN, ROBOT, Fitted, train
+from eaip_prob.observation import AbstractObservation
+from eaip_prob.phase import AbstractPhaseEstimator, ElapsedClock, ExpectedClock, ExpectedMarginalClock, PhaseEstimate
+from eaip_prob.primitives import DMP, AbstractPrimitive, ProMP
+from eaip_prob.streaming import Stream, begun, stepped
+from eaip_prob.training import ENVIRONMENT, HUMAN, ROBOT, Fitted
 
-# An end that a step meets up to round-off takes no further step.
-_SNAP_STEPS = 1e-6
+_Part = TypeVar("_Part")
 
 
 def _clocks() -> tuple[AbstractPhaseEstimator, ...]:
-    return ElapsedClock(), MarginalClock()
+    return ElapsedClock(), ExpectedClock(), ExpectedMarginalClock()
+
+
+def _maps() -> tuple[AbstractFeatureMap, ...]:
+    return RawFeatures(), QuadraticFeatures()
 
 
 @dataclass(frozen=True, eq=False)
 class InteractionPredictor:
     """Learns a joint Gaussian over the motions of two agents and the scene; predicts one from the beginning of another.
 
+    Two joints are fitted where the demonstrations have an environment: one with it, and one of the motions alone, which
+    answers when nothing of the scene was observed, or when on held-out groups the scene told nothing.
+
     Args:
         human: primitive of the agent that is watched.
         robot: primitive of the agent that is predicted (not used with `target="human"`).
-        phase: clock, for the demonstrations and online; of several, the one with the highest held-out density of the
-            target's future is kept (the first where nothing can be held out). Default: `ElapsedClock`, `MarginalClock`.
+        phase: clock, for the demonstrations and online; of several, the first whose held-out density of the target's
+            future is within one standard error of the best is kept (the first where nothing can be held out).
+            Default: `ElapsedClock`, `ExpectedClock`, `ExpectedMarginalClock`; without an environment what stands in
+            for them.
         evidence: how samples speak about weights.
         model: joint model.
+        features: map of the environment's features; one of several is chosen with the clock. Default: `RawFeatures`,
+            `QuadraticFeatures`.
         target: "robot", or "human" to predict the rest of the watched motion itself.
         noise: standard deviation of the observed quantity per signal, in its units (one number for all, or one
             each); None chooses a multiple of the signals' standard deviation on held-out groups.
@@ -55,6 +68,9 @@ class InteractionPredictor:
             of what was observed, as the paper's likelihood).
         num_samples: resample demonstrations to this many before encoding; None keeps them as recorded.
         recalibrate: multiply predictive variances by the mean squared standardised error on held-out groups.
+        gate: believe the environment as far as it told on held-out groups.
+        trust: believe the human's motion as far as it told on held-out groups.
+        separate: fit a joint of the motions alone beside the one with the environment.
         fitted: what `fit` learnt.
 
     Example:
@@ -72,12 +88,16 @@ class InteractionPredictor:
     phase: AbstractPhaseEstimator | Sequence[AbstractPhaseEstimator] = field(default_factory=_clocks)
     evidence: AbstractEvidence = field(default_factory=PositionEvidence)
     model: AbstractJointModel = field(default_factory=GaussianJointModel)
+    features: AbstractFeatureMap | Sequence[AbstractFeatureMap] = field(default_factory=_maps)
     target: str = ROBOT
     noise: float | Sequence[float] | None = None
     environment_noise: float | Sequence[float] | None = None
     criterion: str = "prediction"
     num_samples: int | None = None
     recalibrate: bool = True
+    gate: bool = True
+    trust: bool = True
+    separate: bool = True
     fitted: Fitted | None = None
 
     def __post_init__(self) -> None:
@@ -93,17 +113,30 @@ class InteractionPredictor:
         parts |= {"evidence": AbstractEvidence, "model": AbstractJointModel}
         for name, kind in parts.items():
             check_type(name, getattr(self, name), kind, f"Pass an object of a class derived from it as {name}.")
-        if not self._clocks:
-            raise InputError("Expected at least one clock in phase, got none. Leave phase out for the default clocks.")
-        for clock in self._clocks:
-            check_type("phase", clock, AbstractPhaseEstimator, "Pass one clock, or several in a list.")
+        several = {"phase": (self.clocks, AbstractPhaseEstimator), "features": (self.maps, AbstractFeatureMap)}
+        for name, (members, kind) in several.items():
+            if not members:
+                raise InputError(f"Expected at least one {kind.__name__} in {name}, got none. Leave it out.")
+            for member in members:
+                check_type(name, member, kind, "Pass one, or several in a list.")
 
     @property
-    def _clocks(self) -> list[AbstractPhaseEstimator]:
-        return [self.phase] if isinstance(self.phase, AbstractPhaseEstimator) else list(self.phase or ())
+    def clocks(self) -> list[AbstractPhaseEstimator]:
+        """Clocks to choose from."""
+        return _listed(self.phase, AbstractPhaseEstimator)
 
-    def fit(self, demonstrations: DemonstrationSet) -> Self:
+    @property
+    def maps(self) -> list[AbstractFeatureMap]:
+        """Feature maps to choose from."""
+        return _listed(self.features, AbstractFeatureMap)
+
+    def fit(self, demonstrations: DemonstrationSet, alone: Fitted | None = None) -> Self:
         """A predictor fitted to complete motions; `self` is unchanged.
+
+        Args:
+            demonstrations: two or more.
+            alone: knowledge from the same motions without their scenes (`Fitted.alone` of another predictor), which is
+                then not fitted again.
 
         Raises:
             InputError: fewer than two demonstrations, or an agent that is missing.
@@ -111,19 +144,13 @@ class InteractionPredictor:
         from eaip_prob.selection import selected
 
         self._check_agents(demonstrations)
-        scene = demonstrations.environments
-        noise = (
-            self._given(self.noise, len(demonstrations.signals(HUMAN)), "noise"),
-            self._given(self.environment_noise, len(scene.names) if scene else 0, "environment_noise"),
-        )
-        primitives = {HUMAN: self.human, ROBOT: self.robot}
-        models = self.model.candidates()
-        model = models[len(models) // 2]
-        candidates = [
-            train(demonstrations, clock, primitives, model, self.target, noise, self.num_samples)
-            for clock in self._clocks
-        ]
-        return replace(self, fitted=selected(self, candidates))
+        if demonstrations.environments is None:
+            return replace(self, fitted=selected(self, demonstrations))
+        together = selected(self, demonstrations)
+        if not self.separate:
+            return replace(self, fitted=together)
+        alone = alone or selected(self, demonstrations.without_environment())
+        return replace(self, fitted=replace(together, alone=alone))
 
     def _check_agents(self, demonstrations: DemonstrationSet) -> None:
         advice = "Make one with DemonstrationSet(demonstrations)."
@@ -136,19 +163,6 @@ class InteractionPredictor:
         if len(demonstrations) < 2:
             raise InputError("Expected at least two demonstrations to learn a covariance, got one. Record more.")
 
-    @staticmethod
-    def _given(noise: float | Sequence[float] | Tensor | None, count: int, name: str) -> Tensor:
-        """A given noise per signal; zeros stand in until a missing one is chosen."""
-        if noise is None:
-            return torch.zeros(count, dtype=torch.float64)
-        values = as_float64(name, noise)
-        usable = bool(((values >= 0) & values.isfinite()).all())
-        if values.shape not in ((), (1,), (count,)) or not usable:
-            raise InputError(
-                f"Expected {name} as one standard deviation or {count} of them, finite and at least 0, got {noise}."
-            )
-        return values.expand(count).clone()
-
     def with_noise(self, noise: float | Tensor | None = None, environment_noise: float | Tensor | None = None) -> Self:
         """The fitted predictor with another sigma or sigma_e, nothing fitted anew.
 
@@ -156,11 +170,13 @@ class InteractionPredictor:
             noise: standard deviation per signal, in the observed quantity's units; None keeps it.
             environment_noise: per feature, in its units; None keeps it.
         """
-        fitted = self._require_fitted()
+        fitted = self.require_fitted()
+        alone = fitted.alone
         if noise is not None:
-            fitted = replace(fitted, noise=self._given(noise, len(fitted.noise), "noise"))
+            value = given_noise(noise, len(fitted.noise), "noise")
+            fitted = replace(fitted, noise=value, alone=None if alone is None else replace(alone, noise=value))
         if environment_noise is not None:
-            value = self._given(environment_noise, len(fitted.environment_noise), "environment_noise")
+            value = given_noise(environment_noise, len(fitted.environment_noise), "environment_noise")
             fitted = replace(fitted, environment_noise=value)
         return replace(self, fitted=fitted)
 
@@ -185,75 +201,140 @@ class InteractionPredictor:
 
         Raises:
             NotFittedError: before `fit`.
-            InputError: other signals or features than fitted.
+            InputError: other signals or features than fitted, or a batch in which the scene was observed for some
+                motions only.
             ShapeError: another number of environments than of motions.
         """
-        fitted = self._require_fitted()
-        trajectory = observed if isinstance(observed, Trajectory) else stack(observed)
-        if trajectory.names != fitted.names[HUMAN]:
-            raise InputError(f"Expected human signals {fitted.names[HUMAN]}, as fitted, got {trajectory.names}.")
-        if phase is None:
-            phase = fitted.phase.estimate(trajectory, environment)
-        observations = [*also]
+        trajectory = self._checked(observed if isinstance(observed, Trajectory) else stack(observed))
         if environment is not None:
             check_scenes(environment, trajectory.batch_shape)
-        if bool(trajectory.mask.any()):
-            boundary = self._boundary(trajectory, HUMAN)
-            seen = self.evidence.observe(
-                fitted.primitives[HUMAN], HUMAN, trajectory, phase.paths, phase.duration, fitted.noise, boundary
-            )
-            observations += [] if seen is None else [seen]
-        if environment is not None:
-            observations += self._scene(environment)
-        posterior = fitted.model.posterior(observations, phase.log_weight, keep=(self.target,))
-        return Prediction(
-            time=self._times(trajectory, phase) if time is None else checked_times(time),
-            posterior=posterior,
-            phase=phase,
-            primitive=fitted.primitives[self.target],
-            block=self.target,
-            names=fitted.names[self.target],
-            residual=fitted.residual,
-            inflation=fitted.inflation,
-            boundary=self._boundary(trajectory, self.target),
-        )
+        fitted, environment = self.serving(environment)
+        return predicted(fitted, trajectory, environment, time, phase, also)
 
-    def _scene(self, environment: EnvironmentFeatures) -> list[AbstractObservation]:
-        fitted = self._require_fitted()
+    def init(self, environment: EnvironmentFeatures | None = None) -> Stream:
+        """The state of a prediction that runs while the person moves: nothing seen yet.
+
+        Args:
+            environment: features of the scene (single); None or `observed=False` where nothing was detected so far.
+
+        Example:
+            >>> from eaip_prob.tasks.passing_over import PassingOver
+            >>> task = PassingOver()
+            >>> predictor = InteractionPredictor(target="human").fit(task.demonstrations(2, seed=0))
+            >>> test = task.demonstrations(1, seed=1)[0]
+            >>> state = predictor.init(test.environment)
+            >>> for place in range(50):
+            ...     prediction, state = predictor.step(test.human.first(place + 1).last(1), state)
+            >>> whole = predictor.predict(test.human.first(50), test.environment)
+            >>> bool((prediction.mean - whole.mean).abs().max() < 1e-6)
+            True
+        """
+        fitted, environment = self.serving(environment)
+        return begun(fitted, environment)
+
+    def step(
+        self,
+        sample: Trajectory,
+        state: Stream,
+        environment: EnvironmentFeatures | None = None,
+        time: Float[Tensor, "times"] | None = None,
+    ) -> tuple[Prediction, Stream]:
+        """The prediction after one more frame (or several), and the state to pass to the next step.
+
+        It equals `predict` of everything seen so far. Frames may arrive late and in any order; of signals that one
+        moment has twice, the later arrival counts.
+
+        Args:
+            sample: what arrived (single); signals that were not seen are masked.
+            state: from `init` or the step before; unchanged.
+            environment: features of the scene, where they arrived or changed; None keeps what was known.
+            time: (S,), times to predict at, seconds; default evenly to the expected end.
+        """
+        sample = self._checked(sample)
+        check_type("state", state, Stream, "Pass the state that init or the step before returned.")
+        known = self.require_fitted()
+        if state.fitted is not known and state.fitted is not known.alone:
+            raise InputError("Expected a state of this predictor, got another's. Begin with init(environment).")
+        if environment is not None:
+            state = begun(*self.serving(environment)).after(state.observed)
+        return stepped(state, sample, time)
+
+    def serving(self, environment: EnvironmentFeatures | None) -> tuple[Fitted, EnvironmentFeatures | None]:
+        """(the joint that answers, what it is told of the scene)."""
+        fitted = self.require_fitted()
+        if environment is None:
+            return fitted.alone or fitted, None
+        check_type("environment", environment, EnvironmentFeatures, "Make one with EnvironmentFeatures(names, value).")
         if not fitted.names[ENVIRONMENT]:
             raise InputError("Expected no environment: the demonstrations had none. Call predict(observed).")
-        features = environment.ordered_as(fitted.names[ENVIRONMENT])
-        if not bool(features.observed.any()):
-            return []
-        eye = torch.eye(len(features.names), dtype=torch.float64)
-        noise = collapsed(features.covariance, 2) + torch.diag(fitted.environment_noise.square())
-        value, observed = features.value[..., None, :], collapsed(features.observed, 1)[..., None, :]
-        zero = torch.zeros_like(value[..., :1, :])
-        return [LinearObservation({ENVIRONMENT: eye}, zero, value, noise[..., None, :, :], observed, True)]
+        environment = environment.ordered_as(fitted.names[ENVIRONMENT])
+        seen = environment.observed.any(-1)
+        if fitted.alone is not None and (not bool(seen.any()) or fitted.gate.value == 0.0):
+            return fitted.alone, None
+        if fitted.alone is not None and not bool(seen.all()):
+            raise InputError(
+                f"Expected the scene observed for all motions of a batch or for none, got {int(seen.sum())} of "
+                f"{seen.numel()}. Predict those with an observed scene and the others in two calls."
+            )
+        _warn_of_far_scenes(fitted, environment)
+        return fitted, environment
 
-    def _boundary(self, trajectory: Trajectory, agent: str) -> Boundary | None:
-        """Start of the agent's motion: what was seen of it, else the demonstrations' mean."""
-        fitted = self._require_fitted()
-        if not fitted.primitives[agent].needs_boundary:
-            return None
-        mean = fitted.boundary
-        if agent != HUMAN:
-            return mean
-        seen, ever = initial_boundary(trajectory), trajectory.mask.any(-2)
-        if self.target != HUMAN:
-            return seen
-        return Boundary(torch.where(ever, seen.start, mean.start), torch.where(ever, seen.velocity, mean.velocity))
+    def summary(self) -> str:
+        """What fitting found, in words: the clock, what the environment and the motion tell, calibration."""
+        from eaip_prob.summary import described
 
-    def _times(self, trajectory: Trajectory, phase: PhaseEstimate) -> Tensor:
-        """Evenly from the first sample to the expected end, at the demonstrations' step."""
-        step = self._require_fitted().step
-        remaining = (1.0 - phase.paths[..., -1]).clamp_min(0.0) * phase.duration
-        span = (trajectory.time[..., -1:] - trajectory.time[..., :1] + remaining).amax()
-        check_finite("the expected duration", span)
-        num_steps = int(torch.ceil(span / step - _SNAP_STEPS))
-        return trajectory.time[..., :1] + step * torch.arange(num_steps + 1, dtype=torch.float64)
+        return described(self.require_fitted())
 
-    def _require_fitted(self) -> Fitted:
+    def _checked(self, trajectory: Trajectory) -> Trajectory:
+        names = self.require_fitted().names[HUMAN]
+        check_type("observed", trajectory, Trajectory, "Make one with Trajectory(time, values, names).")
+        if trajectory.names != names:
+            raise InputError(f"Expected human signals {names}, as fitted, got {trajectory.names}.")
+        return trajectory
+
+    def require_fitted(self) -> Fitted:
+        """What `fit` learnt.
+
+        Raises:
+            NotFittedError: before `fit`.
+        """
         if self.fitted is None:
             raise NotFittedError("Expected a fitted predictor. Use the predictor that fit(demonstrations) returns.")
         return self.fitted
+
+
+def given_noise(noise: float | Sequence[float] | Tensor, count: int, name: str) -> Float[Tensor, "signals"]:
+    """A given noise per signal.
+
+    Raises:
+        InputError: neither one number nor one for each signal, or not finite and at least 0.
+    """
+    values = as_float64(name, noise)
+    usable = bool(((values >= 0) & values.isfinite()).all())
+    if values.shape not in ((), (1,), (count,)) or not usable:
+        raise InputError(
+            f"Expected {name} as one standard deviation or {count} of them, finite and at least 0, got {noise}."
+        )
+    return values.expand(count).clone()
+
+
+def _listed(part: _Part | Sequence[_Part], kind: type[_Part]) -> list[_Part]:
+    return [part] if isinstance(part, kind) else list(part or ())  # pyright: ignore[reportArgumentType]
+
+
+def _warn_of_far_scenes(fitted: Fitted, environment: EnvironmentFeatures) -> None:
+    """Says which features lie further from the demonstrated range than half its width."""
+    assert fitted.scenes is not None
+    low, high = fitted.scenes.low, fitted.scenes.high
+    room = 0.5 * (high - low) + 1e-9 * torch.maximum(low.abs(), high.abs())
+    far = environment.observed & ((environment.value > high + room) | (environment.value < low - room))
+    if not bool(far.any()):
+        return
+    column = int(far.reshape(-1, far.shape[-1]).any(0).nonzero()[0])
+    value = float(environment.value[far[..., column]][..., column].reshape(-1)[0])
+    warnings.warn(
+        f"{environment.names[column]} = {value:g} lies far outside the demonstrations, {float(low[column]):g} to "
+        f"{float(high[column]):g}: the prediction extrapolates, its variance grows with the distance.",
+        ExtrapolationWarning,
+        stacklevel=4,
+    )

@@ -2,21 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from eaip_prob.data.demonstrations import DemonstrationSet
+from eaip_prob.data.environment import EnvironmentFeatures
+from eaip_prob.data.features import AbstractFeatureMap
 from eaip_prob.data.resampling import time_normalised
 from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.encoding import encode
+from eaip_prob.evidence import AbstractEvidence
 from eaip_prob.models import AbstractJointModel
-from eaip_prob.phase import AbstractPhaseEstimator, PhaseEstimate
+from eaip_prob.phase import AbstractPhaseEstimator
 from eaip_prob.primitives import AbstractPrimitive, Boundary
+from eaip_prob.slope import Slope
+from eaip_prob.trust import Trust
 
 HUMAN, ROBOT, ENVIRONMENT = "human", "robot", "environment"
+
+
+@dataclass(frozen=True, eq=False)
+class SceneRange:
+    """Which environments were demonstrated.
+
+    Args:
+        low: (E,), smallest value of each feature, in its units.
+        high: (E,), largest value.
+        num_scenes: different environments among them.
+    """
+
+    low: Float[Tensor, "features"]
+    high: Float[Tensor, "features"]
+    num_scenes: int
+
+    @classmethod
+    def of(cls, scene: EnvironmentFeatures) -> SceneRange:
+        """The range of observed features of demonstrations (N, E)."""
+        low = torch.where(scene.observed, scene.value, torch.inf).amin(0)
+        high = torch.where(scene.observed, scene.value, -torch.inf).amax(0)
+        return cls(low, high, len(torch.unique(scene.value, dim=0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +53,8 @@ class Fitted:
     """A fitted predictor's knowledge.
 
     Args:
+        target: agent that is predicted.
+        evidence: how samples speak about weights.
         phase: fitted clock.
         primitives: {agent: primitive spanning the clock's limit}.
         model: fitted joint model.
@@ -33,9 +64,18 @@ class Fitted:
         residual: variance of what the target's primitive cannot represent, units squared.
         boundary: mean start of the target.
         step: median sampling step of the target, seconds.
+        features: fitted feature map of the environment; None without one.
+        scenes: environments that were demonstrated; None without one.
         inflation: factor on predictive variances.
+        gate: how far the environment is believed.
+        trust: how far the human's motion is believed.
+        num_folds: folds on which choices were made; 0 where nothing could be held out.
+        alone: knowledge from motions alone, which answers where nothing of the scene was observed; None where this
+            one does.
     """
 
+    target: str
+    evidence: AbstractEvidence
     phase: AbstractPhaseEstimator
     primitives: Mapping[str, AbstractPrimitive]
     model: AbstractJointModel
@@ -45,94 +85,106 @@ class Fitted:
     residual: Float[Tensor, "target_signals"]
     boundary: Boundary
     step: float
+    features: AbstractFeatureMap | None = None
+    scenes: SceneRange | None = None
     inflation: float = 1.0
+    gate: Slope = Slope()
+    trust: Trust = Trust()
+    num_folds: int = 0
+    alone: Fitted | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """How demonstrations become a fitted joint, but for what is chosen later.
+
+    Args:
+        target: agent that will be predicted.
+        evidence: how samples speak about weights.
+        clock: not yet fitted.
+        primitives: {agent: primitive}, of any limit.
+        num_samples: resample the motions to this many first; None keeps them as recorded.
+    """
+
+    target: str
+    evidence: AbstractEvidence
+    clock: AbstractPhaseEstimator
+    primitives: Mapping[str, AbstractPrimitive]
+    num_samples: int | None
 
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """Demonstrations on one clock, as held-out choices need them.
+    """Demonstrations on one clock, as joint models are fitted to them.
 
     Args:
         demonstrations: complete motions.
         motions: {agent: (N, T, D)} as encoded.
-        phase: the demonstrations' clock.
+        paths: (N, T), phase of the human's samples, or (T,) shared.
         weights: {block: (N, K)}.
         observed: {block: (N, K)}, False where a feature was not observed; None where there are no features.
         grams: {agent: (K, K)}, mean square of a motion as a function of its weights.
-        fitted: everything but the noise, which is still zero where it is to be chosen.
+        make: gives `Fitted` once the joint model and what is chosen on held-out groups are there.
+        target: agent that will be predicted.
+        limit: last phase of the clock.
     """
 
     demonstrations: DemonstrationSet
     motions: Mapping[str, Trajectory]
-    phase: PhaseEstimate
+    paths: Float[Tensor, "*demonstrations time"]
     weights: Mapping[str, Float[Tensor, "demonstrations weights"]]
     observed: Mapping[str, Tensor] | None
     grams: Mapping[str, Float[Tensor, "weights weights"]]
-    fitted: Fitted
+    make: Callable[..., Fitted]
+    target: str
+    limit: float
 
-    def fitted_model(
-        self, model: AbstractJointModel, target: str, kept: Sequence[bool] | None = None
-    ) -> AbstractJointModel:
-        """A joint model fitted to these weights, or to the demonstrations `kept` of them."""
-        index = [number for number in range(len(self.demonstrations)) if kept is None or kept[number]]
-        observed = self.observed
-        return model.fit(
-            {block: rows[index] for block, rows in self.weights.items()},
-            None if observed is None else {block: rows[index] for block, rows in observed.items()},
-            [self.demonstrations.groups[number] for number in index],
-            target,
-            self.grams,
-        )
+    def with_features(self, features: AbstractFeatureMap) -> Training:
+        """With the environment as a block, through a feature map that is not yet fitted; unchanged without one."""
+        scene = self.demonstrations.environments
+        if scene is None:
+            return self
+        features = features.fit(scene)
+        mapped = features(scene)
+        make = partial(self.make, features=features, scenes=SceneRange.of(scene))
+        weights = {**self.weights, ENVIRONMENT: mapped.value}
+        return replace(self, weights=weights, observed={ENVIRONMENT: mapped.observed}, make=make)
+
+    def fitted(
+        self, model: AbstractJointModel, noise: Float[Tensor, "signals"], environment_noise: Float[Tensor, "features"]
+    ) -> Fitted:
+        """With a joint model, not yet fitted, and noise in the quantities' units."""
+        model = model.fit(self.weights, self.observed, self.demonstrations.groups, self.target, self.grams)
+        return self.make(model=model, noise=noise, environment_noise=environment_noise)
 
 
-def train(
-    demonstrations: DemonstrationSet,
-    clock: AbstractPhaseEstimator,
-    primitives: Mapping[str, AbstractPrimitive],
-    model: AbstractJointModel,
-    target: str,
-    noise: tuple[Float[Tensor, "signals"], Float[Tensor, "features"]],
-    num_samples: int | None,
-) -> Training:
-    """Fits clock, weights and joint model, in that order.
-
-    Args:
-        demonstrations: of the human and the target at least.
-        clock: not yet fitted.
-        primitives: {agent: primitive}, of any limit.
-        model: not yet fitted.
-        target: agent that will be predicted.
-        noise: (per human signal, per feature), zeros where they are to be chosen.
-        num_samples: resample the motions to this many first; None keeps them as recorded.
-    """
+def train(demonstrations: DemonstrationSet, recipe: Recipe) -> Training:
+    """Fits the clock and encodes the motions on it; the environment is still to be mapped."""
     motions = {agent: demonstrations.trajectories(agent) for agent in demonstrations.agents}
-    if num_samples is not None:
-        motions = {agent: time_normalised(motion, num_samples) for agent, motion in motions.items()}
+    if recipe.num_samples is not None:
+        motions = {agent: time_normalised(motion, recipe.num_samples) for agent, motion in motions.items()}
     scene = demonstrations.environments
-    clock = clock.fit(demonstrations, HUMAN)
+    clock = recipe.clock.fit(demonstrations, HUMAN)
     phase = clock.encoding(motions[HUMAN], scene)
-    spanning = {agent: primitives[agent].spanning(clock.limit) for agent in motions}
+    spanning = {agent: recipe.primitives[agent].spanning(clock.limit) for agent in motions}
     encoded = {agent: encode(spanning[agent], motions[agent], phase, clock.limit) for agent in motions}
     weights = {agent: part.weights for agent, part in encoded.items()}
-    names = {agent: motion.names for agent, motion in motions.items()} | {ENVIRONMENT: scene.names if scene else ()}
-    observed = None
-    if scene is not None:
-        weights[ENVIRONMENT] = scene.value
-        observed = {ENVIRONMENT: scene.observed}
     grams = {
         agent: spanning[agent].gram(motions[agent].num_signals, phase.duration.median())
         for agent in motions
         if not spanning[agent].weights_are_positions
     }
-    starts = encoded[target].boundary
-    fitted = Fitted(
-        clock,
-        spanning,
-        model.fit(weights, observed, demonstrations.groups, target, grams),
-        names,
-        *noise,
-        residual=encoded[target].residual,
-        boundary=Boundary(starts.start.mean(0), starts.velocity.mean(0)),
-        step=float(motions[target].time.diff(dim=-1).median()),
+    target = encoded[recipe.target]
+    make = partial(
+        Fitted,
+        target=recipe.target,
+        evidence=recipe.evidence,
+        phase=clock,
+        primitives=spanning,
+        names={agent: motion.names for agent, motion in motions.items()} | {ENVIRONMENT: scene.names if scene else ()},
+        residual=target.residual,
+        boundary=Boundary(target.boundary.start.mean(0), target.boundary.velocity.mean(0)),
+        step=float(motions[recipe.target].time.diff(dim=-1).median()),
     )
-    return Training(demonstrations, motions, phase, weights, observed, grams, fitted)
+    paths = phase.at(motions[HUMAN].time)[..., 0, :]
+    return Training(demonstrations, motions, paths, weights, None, grams, make, recipe.target, clock.limit)

@@ -155,3 +155,29 @@ def test_no_pyplot_and_no_matplotlib_at_import() -> None:
         "f.score_lines({'': {'ip': {1: 2.0}}}, 'x', 'y'); assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_panels_wrap_and_every_row_has_its_label():
+    lines = {"eaip": {5: 1.0, 80: 2.0}}
+    figure = figures.score_lines({str(number): lines for number in range(5)}, "x", "y", num_columns=3)
+    assert len(figure.axes) == 5
+    assert [bool(ax.get_ylabel()) for ax in figure.axes] == [True, False, False, True, False]
+    with pytest.raises(InputError, match="num_columns"):
+        figures.score_lines({"": lines}, "x", "y", num_columns=0)
+
+
+def test_a_logarithmic_x_has_a_tick_at_every_x():
+    figure = figures.score_lines({"": {"eaip": {5: 1.0, 20: 2.0}, "ip": {80: 3.0}}}, "x", "y", log_x=True)
+    (ax,) = figure.axes
+    assert ax.get_xscale() == "log" and ax.get_xticks().tolist() == [5, 20, 80]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["5", "20", "80"]
+    assert figures.score_lines({"": {"eaip": {5: 1.0, 20: 2.0}}}, "x", "y").axes[0].get_xscale() == "linear"
+
+
+def test_signed_log_keeps_negative_scores():
+    (ax,) = figures.score_lines({"": {"eaip": {5: -3.0, 20: 3000.0}}}, "x", "y").axes
+    figures.signed_log(ax)
+    places = ax.transData.transform([(5, -30.0), (5, -3.0), (5, 0.0), (5, 3.0), (5, 3000.0)])[:, 1]
+    assert (places[1:] > places[:-1]).all()
+    assert places[3] - places[2] == pytest.approx(places[2] - places[1])
+    assert places[4] - places[3] < 20 * (places[3] - places[2])

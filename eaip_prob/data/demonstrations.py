@@ -77,6 +77,7 @@ class DemonstrationSet(Sequence[Demonstration]):
             raise InputError(
                 f"Expected {len(self._demonstrations)} groups, one per demonstration, got {len(self.groups)}."
             )
+        self._stacked: dict[str, Trajectory] = {}
         for number, demonstration in enumerate(self._demonstrations):
             self._check_alike(number, demonstration)
 
@@ -133,7 +134,9 @@ class DemonstrationSet(Sequence[Demonstration]):
         """
         if agent not in self.agents:
             raise InputError(f"Expected an agent among {self.agents}, got {agent!r}.")
-        return stack([getattr(demonstration, agent) for demonstration in self])
+        if agent not in self._stacked:
+            self._stacked[agent] = stack([getattr(demonstration, agent) for demonstration in self])
+        return self._stacked[agent]
 
     @property
     def environments(self) -> EnvironmentFeatures | None:
@@ -143,7 +146,11 @@ class DemonstrationSet(Sequence[Demonstration]):
 
     def subset(self, indices: Sequence[int]) -> DemonstrationSet:
         """The demonstrations at the given places, in that order."""
-        return DemonstrationSet([self[int(i)] for i in indices], [self.groups[int(i)] for i in indices])
+        places = [int(i) for i in indices]
+        subset = DemonstrationSet([self[i] for i in places], [self.groups[i] for i in places])
+        # Padding hundreds of motions anew would cost more than fitting to them.
+        subset._stacked |= {agent: motions.members(places) for agent, motions in self._stacked.items()}
+        return subset
 
     def split(self, held_out: Sequence[int | str]) -> tuple[DemonstrationSet, DemonstrationSet]:
         """(the rest, the demonstrations of the groups named).
@@ -160,6 +167,12 @@ class DemonstrationSet(Sequence[Demonstration]):
                 f"got {tuple(held_out)}."
             )
         return self.subset(outside), self.subset(inside)
+
+    def without_environment(self) -> DemonstrationSet:
+        """The same motions, nothing known of the scene."""
+        alone = DemonstrationSet([Demonstration(motion.human, motion.robot) for motion in self], self.groups)
+        alone._stacked |= self._stacked
+        return alone
 
     def save(self, path: str | Path) -> Path:
         """Writes the set to one .npz file without pickled objects; see `data.storage`."""

@@ -134,6 +134,14 @@ class Trajectory:
             )
         return self._at_samples(slice(None, num_samples))
 
+    def last(self, num_samples: int) -> Trajectory:
+        """The last samples, as they arrive one after another."""
+        if not (isinstance(num_samples, numbers.Integral) and 1 <= num_samples <= self.num_samples):
+            raise InputError(
+                f"Expected num_samples from 1 to {self.num_samples}, got {num_samples!r}. Give a whole number."
+            )
+        return self._at_samples(slice(self.num_samples - num_samples, None))
+
     def _at_samples(self, index: slice) -> Trajectory:
         noise = None if self.noise is None else self.noise[..., index, :, :]
         return Trajectory(
@@ -157,6 +165,17 @@ class Trajectory:
         if unknown:
             raise InputError(f"Expected signals among {self.names}, got {tuple(unknown)}.")
         return [self.names.index(name) for name in names]
+
+    def members(self, places: Sequence[int]) -> Trajectory:
+        """Some motions of a batch (N, T, D), as they would be stacked: no longer than the longest of them.
+
+        A time vector that all motions share stays shared.
+        """
+        index = torch.as_tensor(places, dtype=torch.long)
+        noise = None if self.noise is None else self.noise[index]
+        time = self.time if self.time.ndim == 1 else self.time[index]
+        part = Trajectory(time, self.values[index], self.names, self.mask[index], noise)
+        return part.first(int((part.seen.any(0).nonzero()[-1] if bool(part.mask.any()) else torch.zeros(1))[0]) + 1)
 
     def __getitem__(self, index: Any) -> Trajectory:
         """One or several motions of a batch."""

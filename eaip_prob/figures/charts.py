@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from torch import Tensor
 
-from eaip_prob.checks import check_fraction
+from eaip_prob.checks import check_count, check_fraction
 from eaip_prob.errors import InputError
 from eaip_prob.figures.style import MethodStyle, as_array, method_styles, new_figure, outside_legend
 
@@ -25,6 +25,8 @@ def score_lines(
     *,
     bands: Mapping[str, Mapping[str, Mapping[Number, tuple[Number, Number]]]] | None = None,
     log_y: bool = False,
+    log_x: bool = False,
+    num_columns: int | None = None,
 ) -> Figure:
     """Score against samples seen, one line a method, one panel for each condition: the form of the paper's Fig. 3.
 
@@ -34,6 +36,8 @@ def score_lines(
         ylabel: which score, with its unit.
         bands: {panel's title: {method: {x: (low, high)}}}, shaded, e.g. intervals over people.
         log_y: logarithmic scores, for methods that differ by orders of magnitude.
+        log_x: logarithmic x, with a tick at every x that occurs.
+        num_columns: panels in a row; default all of them.
 
     Raises:
         InputError: nothing to draw.
@@ -46,8 +50,11 @@ def score_lines(
     if not methods:
         raise InputError("Expected at least one panel with one method, got none.")
     styles = method_styles(methods)
-    figure, axes = new_figure(len(panels), sharey=True)
-    for ax, (title, scores) in zip(axes, panels.items(), strict=True):
+    columns = len(panels) if num_columns is None else check_count("num_columns", num_columns)
+    figure, axes = new_figure(columns, -(-len(panels) // columns), sharey=True)
+    for ax in axes[len(panels) :]:
+        ax.remove()
+    for ax, (title, scores) in zip(axes, panels.items(), strict=False):
         shaded = (bands or {}).get(title, {})
         for method, line in scores.items():
             x = sorted(line)
@@ -57,9 +64,32 @@ def score_lines(
                 low, high = zip(*(shaded[method][at] for at in x), strict=True)
                 ax.fill_between(x, low, high, color=styles[method].color, alpha=0.15, linewidth=0)
         ax.set(title=title, xlabel=xlabel, yscale="log" if log_y else "linear")
-    axes[0].set_ylabel(ylabel)
+        if log_x:
+            _log_ticks(ax, sorted({at for line in scores.values() for at in line}))
+    for ax in axes[: len(panels) : columns]:
+        ax.set_ylabel(ylabel)
     outside_legend(figure)
     return figure
+
+
+def signed_log(ax: Axes, linear: float = 2.0) -> None:
+    """Makes y logarithmic away from zero on both sides: for scores of many orders of magnitude that may be negative.
+
+    Args:
+        ax: with a y axis in any unit.
+        linear: from minus this to this, the scale is linear.
+
+    Example:
+        >>> figure = score_lines({"": {"eaip": {10: -0.5, 50: 1000.0}}}, "samples seen", "nll (nats per sample)")
+        >>> signed_log(figure.axes[0])
+        >>> figure.axes[0].get_yscale()
+        'symlog'
+    """
+    from matplotlib.ticker import ScalarFormatter, SymmetricalLogLocator
+
+    ax.set_yscale("symlog", linthresh=linear)
+    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=linear, subs=[1, 2, 3, 5]))
+    ax.yaxis.set_major_formatter(ScalarFormatter())
 
 
 def coverage_plot(levels: Sequence[Number], observed: Mapping[str, Sequence[Number]]) -> Figure:
@@ -115,6 +145,14 @@ def pit_histogram(values: Mapping[str, Tensor], num_bins: int = 20) -> Figure:
         ax.set(title=method, xlabel="predicted probability of the truth", xlim=(0, 1))
     axes[0].set_ylabel("density (1 = honest)")
     return figure
+
+
+def _log_ticks(ax: Axes, places: Sequence[Number]) -> None:
+    from matplotlib.ticker import NullLocator
+
+    ax.set_xscale("log")
+    ax.set_xticks(places, [f"{place:g}" for place in places])
+    ax.xaxis.set_minor_locator(NullLocator())
 
 
 def _draw_line(ax: Axes, x: Sequence[Number], y: Sequence[Number], label: str, style: MethodStyle) -> None:

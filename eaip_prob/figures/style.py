@@ -39,6 +39,7 @@ METHOD_STYLES: Mapping[str, MethodStyle] = {
     "environment": MethodStyle("#009E73", "D", "-."),
     "ip": MethodStyle("#0072B2", "o"),
     "eaip": MethodStyle("#D55E00", "^"),
+    "eaip_kernel": MethodStyle("#882255", "P"),
     "eaip_shuffled": MethodStyle("#CC79A7", "v", ":"),
     "paper_ip": MethodStyle("#56B4E9", "o", "--"),
     "paper_eaip": MethodStyle("#E69F00", "^", "--"),
@@ -47,7 +48,7 @@ METHOD_STYLES: Mapping[str, MethodStyle] = {
 _SPARE_STYLES = tuple(
     MethodStyle(color, marker, line)
     for line in ("-", "--", ":")
-    for color, marker in (("#332288", "P"), ("#882255", "X"), ("#999933", "h"), ("#44AA99", "*"))
+    for color, marker in (("#332288", "p"), ("#AA4499", "X"), ("#999933", "h"), ("#44AA99", "*"))
 )
 
 

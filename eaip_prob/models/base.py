@@ -46,11 +46,30 @@ class Posterior:
         total = within + deviation[..., :, None] * deviation[..., None, :]
         return symmetrised((self.weight[..., None, None] * total).sum(-3))
 
-    def inflated(self, factor: float) -> Posterior:
+    def inflated(self, factor: Float[Tensor, "*#batch"] | float) -> Posterior:
         """The same mixture with the covariance of every component times a factor."""
         components = self.components
-        components = BlockGaussian(components.mean, factor * components.covariance, components.layout)
+        covariance = torch.as_tensor(factor, dtype=torch.float64)[..., None, None, None] * components.covariance
+        components = BlockGaussian(components.mean, covariance, components.layout)
         return Posterior(components, self.log_weight, self.log_evidence)
+
+    def condition(
+        self,
+        observations: Sequence[AbstractObservation],
+        log_weight: Float[Tensor, "*batch components"] | None = None,
+        keep: Sequence[str] | None = None,
+    ) -> Posterior:
+        """What further observations leave of this belief, as `AbstractJointModel.posterior` of all of them together.
+
+        Args:
+            observations: with batch axes (*batch, J).
+            log_weight: (*batch, J) prior log weight of hypotheses that nothing observed so far distinguishes; with
+                them this belief must have one component. Default: its own components.
+            keep: blocks of the answer; default all.
+        """
+        prior = self.log_weight if log_weight is None else self.log_weight + log_weight
+        after = conditioned(self.components, observations, prior, keep)
+        return Posterior(after.components, after.log_weight, self.log_evidence + after.log_evidence)
 
     def sample(self, num: int, generator: torch.Generator) -> tuple[Float[Tensor, "num *batch weights"], Tensor]:
         """(draws of all blocks, index of the component of each draw (num, *batch))."""
@@ -97,7 +116,8 @@ class AbstractJointModel(ABC):
     def candidates(self) -> tuple[Self, ...]:
         """Models to choose from by what they predict on held-out groups; itself where nothing is open.
 
-        The one in the middle is taken where no group can be held out.
+        The one that was chosen is asked again, for what is still open. The one in the middle is taken where no group
+        can be held out.
         """
         return (self,)
 
@@ -145,6 +165,9 @@ def conditioned(
     if log_weight is None:
         log_weight = components.mean.new_zeros(1)
     log_joint = log_weight + log_evidence
+    if log_joint.ndim and log_joint.shape == components.mean.shape[:-1]:
+        total = torch.logsumexp(log_joint, -1)
+        return Posterior(components, log_joint - total[..., None], total)
     num = log_joint.shape[-1] if log_joint.ndim else 1
     batch = torch.broadcast_shapes(components.mean.shape[:-1], log_joint.shape)
     log_joint = log_joint.expand(batch if batch else (num,))

@@ -9,12 +9,14 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from eaip_prob.checks import check_fraction
+from eaip_prob.errors import InputError
 from eaip_prob.linalg import log_det, psd_pseudo_solve, safe_cholesky, symmetrised, triangular_solve
 
 _AMOUNTS = (1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.06, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
@@ -24,11 +26,44 @@ DEFAULT_AMOUNT = 0.1
 
 @dataclass(frozen=True)
 class AbstractCovariance(ABC):
-    """Estimates the covariance of weights; a subclass gives `estimate`."""
+    """Estimates the covariance of weights; a subclass gives `estimate`.
+
+    An estimator that needs no more of the demonstrations than their covariance says so by `takes_moments` and gives
+    `from_moments`; in return it serves models that weight the demonstrations anew for every scene.
+    """
+
+    takes_moments: ClassVar[bool] = False
 
     def candidates(self) -> tuple[AbstractCovariance, ...]:
         """Estimators to choose from by what they predict on held-out groups; itself where nothing is open."""
         return (self,)
+
+    def chosen(
+        self,
+        weights: Float[Tensor, "demonstrations weights"],
+        folds: Sequence[Tensor],
+        target: Tensor,
+        features: Tensor,
+    ) -> AbstractCovariance:
+        """The estimator with its held-out choices made on these demonstrations; arguments as in `estimate`."""
+        return self
+
+    def from_moments(
+        self, covariance: Float[Tensor, "*batch weights weights"], features: Tensor
+    ) -> Float[Tensor, "*batch weights weights"]:
+        """The estimate from covariances of weighted demonstrations, without held-out choices.
+
+        Args:
+            covariance: (*batch, Z, Z), of the weighted demonstrations around their weighted mean.
+            features: positions of the environment's features among the weights.
+
+        Raises:
+            InputError: an estimator that needs the demonstrations themselves.
+        """
+        raise InputError(
+            f"Expected a covariance estimator that takes moments, got {type(self).__name__}, which needs the "
+            "demonstrations themselves. Use covariance=shrinkage or empirical."
+        )
 
     @abstractmethod
     def estimate(
@@ -51,6 +86,14 @@ class AbstractCovariance(ABC):
 @dataclass(frozen=True)
 class EmpiricalCovariance(AbstractCovariance):
     """The sample covariance divided by N (Eq. 9)."""
+
+    takes_moments: ClassVar[bool] = True
+
+    def from_moments(
+        self, covariance: Float[Tensor, "*batch weights weights"], features: Tensor
+    ) -> Float[Tensor, "*batch weights weights"]:
+        """The covariance as it is."""
+        return covariance
 
     def estimate(
         self,
@@ -79,6 +122,7 @@ class ShrinkageCovariance(AbstractCovariance):
             the held-out density of the target's future given the beginning of a motion.
     """
 
+    takes_moments: ClassVar[bool] = True
     amount: float | None = None
 
     def __post_init__(self) -> None:
@@ -97,10 +141,26 @@ class ShrinkageCovariance(AbstractCovariance):
         features: Tensor,
     ) -> Float[Tensor, "weights weights"]:
         """See `AbstractCovariance.estimate`."""
-        amount = self.amount
-        if amount is None:
-            amount = self.chosen_amount(weights, folds, target, features) if folds else DEFAULT_AMOUNT
-        return shrunk(sample_covariance(weights), features, torch.tensor(amount, dtype=torch.float64))
+        return self.chosen(weights, folds, target, features).from_moments(sample_covariance(weights), features)
+
+    def chosen(
+        self,
+        weights: Float[Tensor, "demonstrations weights"],
+        folds: Sequence[Tensor],
+        target: Tensor,
+        features: Tensor,
+    ) -> ShrinkageCovariance:
+        """With the amount of the highest held-out likelihood, unless one was given."""
+        if self.amount is not None:
+            return self
+        return ShrinkageCovariance(self.chosen_amount(weights, folds, target, features) if folds else DEFAULT_AMOUNT)
+
+    def from_moments(
+        self, covariance: Float[Tensor, "*batch weights weights"], features: Tensor
+    ) -> Float[Tensor, "*batch weights weights"]:
+        """The covariances shrunk by the amount, or by 0.1 where it is open."""
+        amount = DEFAULT_AMOUNT if self.amount is None else self.amount
+        return shrunk(covariance, features, torch.tensor(amount, dtype=torch.float64))
 
     @staticmethod
     def chosen_amount(weights: Tensor, folds: Sequence[Tensor], target: Tensor, features: Tensor) -> float:
@@ -139,17 +199,27 @@ def sample_covariance(weights: Float[Tensor, "demonstrations weights"]) -> Float
 
 
 def shrunk(
-    covariance: Float[Tensor, "weights weights"], features: Tensor, amount: Float[Tensor, "*batch"]
+    covariance: Float[Tensor, "*#batch weights weights"], features: Tensor, amount: Float[Tensor, "*#batch"]
 ) -> Float[Tensor, "*batch weights weights"]:
-    """The covariance with what the features do not explain shrunk towards its diagonal; one member per amount."""
+    """The covariance with what the features do not explain shrunk towards its diagonal."""
     share = amount[..., None, None]
-    explained = torch.zeros_like(covariance)
-    if len(features):
-        cross = covariance[:, features]
-        # A feature that repeats another, or is constant, leaves a singular S_ee: its minimum-norm share is taken.
-        explained = cross @ psd_pseudo_solve(covariance[features[:, None], features], cross.mT)
+    explained = explained_by(covariance, features)
     rest = symmetrised(covariance - explained)
-    return explained + (1.0 - share) * rest + share * torch.diag_embed(rest.diagonal().clamp_min(0.0))
+    return explained + (1.0 - share) * rest + share * torch.diag_embed(rest.diagonal(dim1=-2, dim2=-1).clamp_min(0.0))
+
+
+def explained_by(
+    covariance: Float[Tensor, "*batch weights weights"], features: Tensor
+) -> Float[Tensor, "*batch weights weights"]:
+    """S_we S_ee^-1 S_ew, the covariance that a regression on the features explains."""
+    if not len(features):
+        return torch.zeros_like(covariance)
+    cross = covariance[..., :, features]
+    flat = cross.reshape(-1, *cross.shape[-2:])
+    # A feature that repeats another, or is constant, leaves a singular S_ee: its minimum-norm share is taken.
+    if len(flat) == 1:
+        return cross @ psd_pseudo_solve(flat[0, features], flat[0].mT)
+    return cross @ torch.vmap(psd_pseudo_solve)(flat[:, features], flat.mT).reshape(cross.mT.shape)
 
 
 def _conditional_log_likelihood(covariance: Tensor, deviation: Tensor, num_given: int) -> Tensor:

@@ -21,6 +21,7 @@ from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.errors import InputError, NotFittedError
 
 _Fitted = TypeVar("_Fitted")
+FAR = 100.0  # times the median duration: a recording that was not stopped
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +71,13 @@ class PhaseEstimate:
         """
         time = as_float64("time", time)
         start, last = self.time[..., :1], self.time[..., -1:]
+        later = time > last
         onward = self.paths[..., -1:] + (time - last)[..., None, :] / self.duration[..., None]
-        before = self.paths[..., :1] + (time - start)[..., None, :] / self.duration[..., None]
-        if self.time.shape[-1] == 1:
+        if self.time.shape[-1] == 1 or bool(later.all()):
             return onward
+        before = self.paths[..., :1] + (time - start)[..., None, :] / self.duration[..., None]
         inside = self._interpolated(time.clamp(start, last))
-        return torch.where(
-            (time > last)[..., None, :], onward, torch.where((time < start)[..., None, :], before, inside)
-        )
+        return torch.where(later[..., None, :], onward, torch.where((time < start)[..., None, :], before, inside))
 
     def _interpolated(self, time: Tensor) -> Tensor:
         batch = torch.broadcast_shapes(self.time.shape[:-1], time.shape[:-1], self.paths.shape[:-2])
@@ -107,6 +107,10 @@ class AbstractPhaseEstimator(ABC):
     def fit(self, demonstrations: DemonstrationSet, agent: str) -> Self:
         """A clock fitted to complete motions of the named agent; `self` is unchanged."""
 
+    def without_environment(self) -> AbstractPhaseEstimator:
+        """The clock, not fitted, that stands in where nothing of the scene is known; itself where it needs nothing."""
+        return self
+
     @abstractmethod
     def encoding(self, trajectory: Trajectory, environment: EnvironmentFeatures | None = None) -> PhaseEstimate:
         """The phase (J = 1) of complete motions, batched."""
@@ -120,12 +124,20 @@ def check_durations(trajectory: Trajectory) -> Float[Tensor, "*batch"]:
     """Durations of complete motions, seconds.
 
     Raises:
-        InputError: a motion with fewer than two seen samples.
+        InputError: a motion with fewer than two seen samples, or more than 100 times as long, or short, as the median.
     """
     duration = trajectory.duration
     if bool((duration <= 0).any()):
         at = tuple(int(i) for i in (duration <= 0).nonzero()[0]) if duration.ndim else ()
         raise InputError(f"Expected motions with at least two seen samples, got a duration of 0 s for motion {at}.")
+    median = duration.flatten().quantile(0.5)
+    far = (duration > FAR * median) | (duration * FAR < median)
+    if bool(far.any()):
+        at = tuple(int(i) for i in far.nonzero()[0])
+        raise InputError(
+            f"Expected motions of comparable durations, got {float(duration[at]):.3g} s for motion {at} at a median of "
+            f"{float(median):.3g} s. Cut or leave out that recording, which was probably not stopped or not started."
+        )
     return duration
 
 

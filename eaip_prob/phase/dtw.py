@@ -15,7 +15,7 @@ from eaip_prob.data.environment import EnvironmentFeatures
 from eaip_prob.data.resampling import time_normalised
 from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.errors import InputError, ShapeError
-from eaip_prob.phase.base import AbstractPhaseEstimator, PhaseEstimate, check_durations, require_fitted
+from eaip_prob.phase.base import FAR, AbstractPhaseEstimator, PhaseEstimate, check_durations, require_fitted
 
 if TYPE_CHECKING:
     from eaip_prob.phase.alignment import OpenEnd
@@ -105,7 +105,9 @@ class DTWClock(AbstractPhaseEstimator):
         share = index.to(torch.float64) / (self.num_samples - 1)
         elapsed = trajectory.duration
         known = (share > 0) & (elapsed > 0)
-        duration = torch.where(known, elapsed / torch.where(known, share, 1.0), mean_duration)
+        # Somebody who waits has done next to nothing of the motion: its duration must not grow without bound.
+        longest = FAR * mean_duration
+        duration = torch.where(known, elapsed / torch.where(known, share, 1.0), mean_duration).clamp_max(longest)
         return PhaseEstimate.linear(trajectory.time, duration)
 
     def alignment(self) -> OpenEnd:

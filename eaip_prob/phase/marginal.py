@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from eaip_prob.data.demonstrations import DemonstrationSet
 from eaip_prob.data.environment import EnvironmentFeatures
@@ -57,8 +59,13 @@ class MarginalClock(AbstractPhaseEstimator):
         """Elapsed time over each duration, weighted by the normal density of its logarithm."""
         require_fitted(self.mean, "MarginalClock")
         assert self.mean is not None and self.deviation is not None
-        grid = torch.linspace(-_REACH, _REACH, self.num_durations, dtype=torch.float64)
+        grid, log_weight = duration_grid(self.num_durations)
         duration = torch.exp(self.mean + self.deviation * grid)
         elapsed = (trajectory.time - trajectory.time[..., :1])[..., None, :]
-        log_weight = torch.log_softmax(-0.5 * grid.square(), 0)
         return PhaseEstimate(trajectory.time, elapsed / duration[:, None], log_weight, duration)
+
+
+def duration_grid(num_durations: int) -> tuple[Float[Tensor, "durations"], Float[Tensor, "durations"]]:
+    """(standard deviations of log T from its mean, log weights under a normal density, normalised)."""
+    grid = torch.linspace(-_REACH, _REACH, num_durations, dtype=torch.float64)
+    return grid, torch.log_softmax(-0.5 * grid.square(), 0)

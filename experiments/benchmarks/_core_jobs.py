@@ -112,13 +112,16 @@ def predictor(time: Tensor, human: Tensor, robot: Tensor) -> InteractionPredicto
 
 def jobs(seed: int) -> dict[str, Pair]:
     """All operations on the problem of a seed."""
+    import _running_jobs
+
     problem = Problem.of(seed)
     pairs = {f"encode_{num}": encode(problem, num) for num in (NUM_DEMONSTRATIONS, NUM_MANY)}
     pairs |= {f"condition_{num}": condition(problem, num) for num in (20, 100, 200)}
     pairs |= {f"rollout_{num}": rollout(problem, num, NUM_ROBOT) for num in (1, NUM_ROLLOUTS)}
     pairs[f"rollout_{NUM_ROLLOUTS}_9"] = rollout(problem, NUM_ROLLOUTS, NUM_HUMAN + NUM_ROBOT)
     pairs["dtw_200"], pairs["dtw_step"] = align(problem)
-    return pairs | {"predict": predict(problem, 100)}
+    pairs["predict"] = predict(problem, 100)
+    return pairs | _running_jobs.jobs(problem, seed)
 
 
 def encode(problem: Problem, num: int) -> Pair:

@@ -6,6 +6,10 @@ rollout_N     weights to N motions of 200 samples of the robot's 3 signals, by a
 dtw_200       open-end alignment, 200 samples against 200, 6 signals
 dtw_step      the same for one more sample
 predict       100 samples of the human to the mean and variance of the robot at 200 times, with one phase path
+update_expected_clock  one more frame of a person who is followed (after 100 samples, on the expected clock, squares and
+              products of 3 features, 90 demonstrations) to the robot's weights
+update_kernel the same with the kernel model
+stream_step   the first to the mean and variance of the robot at 20 times ahead
 
 Each is timed beside the plain way to do it, in numpy (see _core_plain.py), on the same numbers. All take turns, so
 that a busy spell of the machine falls on all of them. metrics.json holds medians (ms/..., plain/...) and 10th and 90th

@@ -6,7 +6,8 @@ import torch
 from scipy.stats import multivariate_normal
 
 from eaip_prob.errors import InputError
-from eaip_prob.models import EmpiricalCovariance, ShrinkageCovariance, group_folds
+from eaip_prob.folds import group_folds
+from eaip_prob.models import EmpiricalCovariance, ShrinkageCovariance
 from eaip_prob.models.covariance import _AMOUNTS, DEFAULT_AMOUNT, _conditional_log_likelihood, sample_covariance, shrunk
 
 NONE = torch.tensor([], dtype=torch.long)

@@ -9,6 +9,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from eaip_prob.errors import InputError, NotFittedError, ShapeError
+from eaip_prob.folds import group_folds
 from eaip_prob.gaussian import BlockLayout
 from eaip_prob.models import (
     AbstractJointModel,
@@ -16,7 +17,6 @@ from eaip_prob.models import (
     GaussianJointModel,
     Posterior,
     ShrinkageCovariance,
-    group_folds,
 )
 from eaip_prob.observation import LinearObservation
 

@@ -99,8 +99,9 @@ def test_start_and_tempo_survive_replanning(task: PassingOver) -> None:
         motions = careless.motions(width, height, 300, _generator(3))
         assert bool(passed(motions.values, width, height, task.bound, motions.seen).all())
         torch.testing.assert_close(motions.values[:, 0], intended.start)
-        assert motions.seen.sum(-1).tolist() == intended.num_samples.tolist()
-        last = motions.values[torch.arange(300), intended.num_samples - 1]
+        counts = (intended.duration * 100.0).round().long() + 1
+        assert motions.seen.sum(-1).tolist() == counts.tolist()
+        last = motions.values[torch.arange(300), counts - 1]
         torch.testing.assert_close(last, intended.end)
 
 

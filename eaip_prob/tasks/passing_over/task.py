@@ -14,7 +14,7 @@ from eaip_prob.data.demonstrations import Demonstration, DemonstrationSet
 from eaip_prob.data.environment import EnvironmentFeatures
 from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.errors import InputError
-from eaip_prob.tasks.passing_over.person import CursorPerson, Intention
+from eaip_prob.tasks.passing_over.person import PAPER_SIZES, CursorPerson, Intention
 from eaip_prob.tasks.passing_over.success import passed
 
 FEATURES = ("width", "height")
@@ -46,7 +46,7 @@ class PassingOver:
         (DemonstrationSet(10 of ('human',), 1 groups), '215x125')
     """
 
-    sizes: Sequence[tuple[float, float]] = tuple(itertools.product((125.0, 215.0, 325.0), (125.0, 215.0, 325.0)))
+    sizes: Sequence[tuple[float, float]] = PAPER_SIZES
     novel_sizes: Sequence[tuple[float, float]] = tuple(itertools.product((50.0, 400.0), (50.0, 400.0)))
     bound: float = 160.0
     rate: float = 100.0

@@ -12,6 +12,7 @@ _ADDED = {
     "ip_over_mean": "watching the motion",
     "eaip_over_environment": "watching the motion, the environment known,",
     "eaip_over_ip": "knowing the environment, the motion watched,",
+    "eaip_kernel_over_eaip": "weighting the demonstrations by their environment",
     "eaip_over_paper_eaip": "this package's method instead of the published one",
 }
 

@@ -19,13 +19,15 @@ from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.errors import InputError
 from eaip_prob.evaluation import Gain, future_mask, mixture_pit, paired_gain
 from eaip_prob.forecast import Prediction
-from eaip_prob.methods import EAIP, ENVIRONMENT, IP, MEAN, PAPER_EAIP, FittedMethods, MotionScores, score
+from eaip_prob.methods import EAIP, ENVIRONMENT, IP, KERNEL, MEAN, PAPER_EAIP, FittedMethods, MotionScores, score
 from eaip_prob.tasks.recorded.folds import Fold, beginning
+from eaip_prob.trust import Trust
 
 GAINS = {
     "ip_over_mean": (MEAN, IP),
     "eaip_over_environment": (ENVIRONMENT, EAIP),
     "eaip_over_ip": (IP, EAIP),
+    "eaip_kernel_over_eaip": (EAIP, KERNEL),
     "eaip_over_paper_eaip": (PAPER_EAIP, EAIP),
 }
 Key = tuple[str, int]  # (method, percent seen)
@@ -189,17 +191,26 @@ def _example(methods: FittedMethods, place: int, motion: Demonstration, percents
 
 
 def _chosen(methods: FittedMethods, left_out: Sequence[int | str]) -> dict[str, str]:
-    ours, paper = methods.ours.fitted, methods.paper.fitted
-    assert ours is not None and paper is not None
-    names = f"{left_out[0]}-{left_out[-1]}" if len(left_out) > 2 else ", ".join(map(str, left_out))
+    ours, paper = methods.ours.require_fitted(), methods.paper.require_fitted()
+    shuffled, alone = methods.shuffled.require_fitted(), ours.alone
+    assert ours.features is not None and alone is not None
     return {
-        "left out": names,
+        "left out": f"{left_out[0]}-{left_out[-1]}" if len(left_out) > 2 else ", ".join(map(str, left_out)),
         "clock": type(ours.phase).__name__,
+        "features": type(ours.features).__name__,
         "sigma": _numbers(ours.noise),
         "sigma_e": _numbers(ours.environment_noise),
+        "gate": f"{ours.gate.value:.2f}",
+        "gate shuffled": f"{shuffled.gate.value:.2f}",
+        "trust": _slopes(ours.trust),
+        "trust of ip": _slopes(alone.trust),
         "inflation": f"{ours.inflation:.2f}",
         "paper: sigma of forces": _numbers(paper.noise[:1]),
     }
+
+
+def _slopes(trust: Trust) -> str:
+    return " ".join(f"{slope.value:.2f}" for slope in trust.slopes)
 
 
 def _numbers(values: Tensor) -> str:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from eaip_prob.models import group_folds
+from eaip_prob.folds import group_folds
 
 
 @pytest.mark.parametrize("num", [3, 4, 5, 7, 23])
