@@ -21,7 +21,7 @@ from eaip_prob.inference import predicted, seen_share
 from eaip_prob.models import AbstractJointModel
 from eaip_prob.phase import known_phase
 from eaip_prob.training import HUMAN, Fitted, Recipe, Training, train
-from eaip_prob.trust import Trust
+from eaip_prob.trust import NO_TRUST, Trust
 
 SHARES_SEEN = (0.05, 0.2, 0.5, 0.8)
 _MOTIONS_PER_FOLD = 32
@@ -187,12 +187,24 @@ class HeldOut:
         place = seen_share(seen, after.phase).expand(len(mask))[mask.flatten(1).any(-1)]
         return float(place.mean()), self._moved(before, after, mask)
 
+    def moved_by_known_scene(self, share: float) -> tuple[float, Moved] | None:
+        """The same for the scene, once a share of the motion was seen."""
+        seen, mask = self.left_out.future(share)
+        if not bool(mask.any()):
+            return None
+        before, after = (
+            self.given(scene_trust=trust)._predict(seen, self.left_out.environment) for trust in (NO_TRUST, Trust())
+        )
+        place = seen_share(seen, after.phase).expand(len(mask))[mask.flatten(1).any(-1)]
+        return float(place.mean()), self._moved(before, after, mask)
+
     def _moved(self, before: Prediction, after: Prediction, mask: Tensor) -> Moved:
         truth = self.left_out.target.values - before.mean
         moved = (after.mean - before.mean).expand(truth.shape)
-        # Signals may differ in unit: each counts by its own spread.
+        # Signals may differ in unit: each counts by its own spread, and not at all where that is round-off.
         count = mask.sum((0, 1)).clamp_min(1)
-        scale = (torch.where(mask, truth.square(), 0.0).sum((0, 1)) / count).clamp_min(1e-300).rsqrt()
+        variance = torch.where(mask, truth.square(), 0.0).sum((0, 1)) / count
+        scale = torch.where(variance > self.fitted.residual, variance.rsqrt(), 0.0)
         truth, moved = truth * scale, moved * scale
         sums = [torch.where(mask, part, 0.0).sum((-2, -1)) for part in (moved * truth, moved.square(), truth.square())]
         return Moved(self.left_out.groups, *sums)

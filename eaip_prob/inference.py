@@ -27,7 +27,7 @@ from eaip_prob.trust import tempered
 
 # An end that a step meets up to round-off takes no further step.
 _SNAP_STEPS = 1e-6
-Ask = Callable[[Sequence[AbstractObservation], Tensor | None, Sequence[str]], Posterior]
+Ask = Callable[[Sequence[AbstractObservation], bool, Tensor], Posterior]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +105,9 @@ def predicted(
     """See `InteractionPredictor.predict`; this joint answers whatever was observed."""
     scene = SceneEvidence.of(fitted, environment)
 
-    def ask(human: Sequence[AbstractObservation], log_weight: Tensor | None, keep: Sequence[str]) -> Posterior:
-        return fitted.model.posterior([*also, *human, *scene.observations], log_weight, keep)
+    def ask(human: Sequence[AbstractObservation], known: bool, log_weight: Tensor) -> Posterior:
+        seen = [*also, *human, *(scene.observations if known else ())]
+        return fitted.model.posterior(seen, log_weight, (fitted.target,))
 
     return answered(fitted, trajectory, scene, ask, time, phase)
 
@@ -125,19 +126,14 @@ def answered(
         fitted: what was learnt.
         trajectory: samples seen, batched.
         scene: what the environment tells.
-        ask: (observations of the human, log weights of the hypotheses, blocks to keep) to the posterior, which knows
-            the scene already.
+        ask: (observations of the human, whether the scene is known, log weights of the hypotheses) to the posterior
+            of the target.
         time: times to predict at, seconds; default evenly to the expected end.
         phase: hypotheses that replace the clock's.
     """
     if phase is None:
         phase = fitted.phase.estimate(trajectory, scene.environment)
-    human, keep = _human(fitted, trajectory, phase), (fitted.target,)
-    posterior = ask(human, phase.log_weight, keep)
-    if human and not fitted.trust.is_full:
-        believed = fitted.trust.at(seen_share(trajectory, phase))
-        if bool((believed < 1.0).any()):
-            posterior = tempered(ask((), phase.log_weight, keep), posterior, believed)
+    posterior = _believed(fitted, trajectory, phase, bool(scene.observations), ask)
     return Prediction(
         time=_times(fitted, trajectory, phase) if time is None else checked_times(time),
         posterior=posterior,
@@ -149,6 +145,22 @@ def answered(
         inflation=fitted.inflation * scene.growth,
         boundary=_boundary(fitted, trajectory, fitted.target),
     )
+
+
+def _believed(fitted: Fitted, trajectory: Trajectory, phase: PhaseEstimate, known: bool, ask: Ask) -> Posterior:
+    """The posterior, the motion and beside it the scene believed as far as either told on groups left out."""
+    human, prior = _human(fitted, trajectory, phase), phase.log_weight
+    posterior = ask(human, known, prior)
+    if not human:
+        return posterior
+    in_motion, in_scene = not fitted.trust.is_full, known and not fitted.scene_trust.is_full
+    if in_motion or in_scene:
+        share = seen_share(trajectory, phase)
+        if in_motion and bool(((believed := fitted.trust.at(share)) < 1.0).any()):
+            posterior = tempered(ask((), known, prior), posterior, believed)
+        if in_scene and bool(((believed := fitted.scene_trust.at(share)) < 1.0).any()):
+            posterior = tempered(ask(human, False, prior), posterior, believed)
+    return posterior
 
 
 def seen_share(trajectory: Trajectory, phase: PhaseEstimate) -> Float[Tensor, "*batch"]:

@@ -18,14 +18,13 @@ from torch import Tensor
 from eaip_prob.data.demonstrations import DemonstrationSet
 from eaip_prob.data.environment import EnvironmentFeatures
 from eaip_prob.data.feature_map import AbstractFeatureMap
+from eaip_prob.earned_trust import earned_gate, earned_scene_trust, earned_trust
 from eaip_prob.errors import HeldOutWarning
 from eaip_prob.folds import group_folds
-from eaip_prob.held_out import SHARES_SEEN, Fold, HeldOut, Moved, folds_of
+from eaip_prob.held_out import Fold, HeldOut, folds_of
 from eaip_prob.models import AbstractJointModel
 from eaip_prob.prediction import InteractionPredictor, given_noise
-from eaip_prob.slope import Slope
 from eaip_prob.training import HUMAN, ROBOT, Fitted, Recipe, Training, train
-from eaip_prob.trust import Trust
 
 # The largest is as good as not listening: for people whose motion tells nothing of a new person's.
 NOISE_MULTIPLES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.3, 1.0, 3.0, 10.0)
@@ -33,7 +32,6 @@ ENVIRONMENT_MULTIPLES = (0.01, 0.03, 0.1, 0.2, 0.4, 1.0)
 DEFAULT_NOISE, DEFAULT_ENVIRONMENT_NOISE = 0.02, 0.1
 _LEAST_FACTOR = 1e-3  # demonstrations that repeat each other leave no error at all
 _TIE = 1e-6  # nats per sample
-_NEIGHBOUR = 0.5  # how much a share of a motion counts for the one next to it
 _LEVEL, _LEVEL_QUANTILE = 0.9, 2.705543454  # the chi-square quantile of one degree of freedom
 
 
@@ -175,14 +173,16 @@ class _Search:
     def _believed(self, parts: Sequence[HeldOut]) -> dict[str, object]:
         """Gate, trust and calibration, each with those before it."""
         found: dict[str, object] = {}
-        groups = [group for part in parts for group in part.left_out.groups]
-        if self.predictor.gate and len(self.spread):
-            product, power, total = _sums([part.moved_by_scene() for part in parts], groups)
-            found["gate"] = gate = Slope.of(product, power, total, towards=1.0)
-            parts = [part.given(gate=gate) for part in parts]
+        with_scene = self.predictor.gate and len(self.spread) > 0
+        if with_scene:
+            found["gate"] = earned_gate(parts)
+            parts = [part.given(gate=found["gate"]) for part in parts]
         if self.predictor.trust:
-            found["trust"] = trust = _trust(parts, groups)
-            parts = [part.given(trust=trust) for part in parts]
+            found["trust"] = earned_trust(parts)
+            parts = [part.given(trust=found["trust"]) for part in parts]
+        if with_scene:
+            found["scene_trust"] = earned_scene_trust(parts)
+            parts = [part.given(scene_trust=found["scene_trust"]) for part in parts]
         if self.predictor.recalibrate:
             found["inflation"] = _calibration(torch.cat([part.standardised_errors() for part in parts]))
         return found
@@ -236,40 +236,6 @@ def _best_search(searches: Sequence[_Search]) -> _Search:
     """The one with the highest held-out density; of those that agree up to round-off, the first."""
     densities = [search.density() for search in searches]
     return next(search for search, density in zip(searches, densities, strict=True) if density >= max(densities) - _TIE)
-
-
-def _sums(parts: Sequence[Moved], groups: Sequence[int | str]) -> Float[Tensor, "3 groups"]:
-    """Products, powers and totals of the groups of all folds, as shares of the total of all of them."""
-    labels = [label for part in parts for label in part.groups]
-    index = {label: number for number, label in enumerate(dict.fromkeys(groups))}
-    member = torch.tensor([index[label] for label in labels])
-    columns = [torch.cat([getattr(part, name) for part in parts]) for name in ("product", "power", "total")]
-    sums = torch.zeros(3, len(index), dtype=torch.float64).index_add(1, member, torch.stack(columns))
-    return sums / sums[2].sum().clamp_min(1e-300)
-
-
-def _trust(parts: Sequence[HeldOut], groups: Sequence[int | str]) -> Trust:
-    """A slope after each share of a motion that leaves something to predict.
-
-    Neighbouring shares count too: the slopes of few people after one share alone are mostly noise.
-    """
-    found: dict[float, Tensor] = {}
-    for share in SHARES_SEEN:
-        moved = [part for held_out in parts if (part := held_out.moved_by_human(share)) is not None]
-        if moved:
-            place = sum(place for place, _ in moved) / len(moved)
-            found[place] = _sums([part for _, part in moved], groups)
-    if not found:
-        return Trust()
-    number = torch.arange(len(found), dtype=torch.float64)
-    weight = _NEIGHBOUR ** (number[:, None] - number).abs()
-    slopes = dict(zip(found, torch.einsum("st,tkg->skg", weight, torch.stack(list(found.values()))), strict=True))
-    return Trust(tuple(sorted(found)), tuple(_cautious(slopes[place]) for place in sorted(found)))
-
-
-def _cautious(sums: Float[Tensor, "3 groups"]) -> Slope:
-    product, power, total = sums
-    return Slope.of(product, power, total, towards=0.0)
 
 
 def _calibration(squares: Float[Tensor, "samples"]) -> float:

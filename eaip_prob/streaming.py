@@ -31,12 +31,14 @@ class Stream:
         fitted: the joint that answers.
         scene: what the environment tells it.
         belief: about all motions once the scene is known.
+        blind: the same without the scene; None where it is not asked for.
         observed: samples so far; None before the first.
     """
 
     fitted: Fitted
     scene: SceneEvidence
     belief: Posterior
+    blind: Posterior | None
     observed: Trajectory | None = None
 
     def after(self, observed: Trajectory | None) -> Stream:
@@ -57,7 +59,9 @@ def begun(fitted: Fitted, environment: EnvironmentFeatures | None) -> Stream:
         )
     scene = SceneEvidence.of(fitted, environment)
     blocks = tuple(dict.fromkeys((HUMAN, fitted.target)))
-    return Stream(fitted, scene, fitted.model.posterior(scene.observations, keep=blocks))
+    needs_both = bool(scene.observations) and not fitted.scene_trust.is_full
+    blind = fitted.model.posterior((), keep=blocks) if needs_both else None
+    return Stream(fitted, scene, fitted.model.posterior(scene.observations, keep=blocks), blind)
 
 
 def stepped(state: Stream, sample: Trajectory, time: Float[Tensor, "times"] | None = None) -> tuple[Prediction, Stream]:
@@ -73,8 +77,9 @@ def stepped(state: Stream, sample: Trajectory, time: Float[Tensor, "times"] | No
         )
     observed = sample if state.observed is None else merged(state.observed, sample)
 
-    def ask(human: Sequence[AbstractObservation], log_weight: Tensor | None, keep: Sequence[str]) -> Posterior:
-        return state.belief.condition(human, log_weight, keep)
+    def ask(human: Sequence[AbstractObservation], known: bool, log_weight: Tensor) -> Posterior:
+        belief = state.belief if known or state.blind is None else state.blind
+        return belief.condition(human, log_weight, (state.fitted.target,))
 
     prediction = answered(state.fitted, observed, state.scene, ask, time)
     return prediction, state.after(observed)

@@ -41,12 +41,17 @@ def _choices(fitted: Fitted) -> str:
 
 
 def _motion(fitted: Fitted, what: str) -> list[str]:
-    """What each part of the human's motion adds."""
-    trust = fitted.trust
-    return [
+    """What each part of the human's motion adds, and the environment beside it."""
+    trust, scene = fitted.trust, fitted.scene_trust
+    lines = [
         f"  {_percent(share)} of {what} {_adds(slope, fitted.target)}."
         for share, slope in zip(trust.shares, trust.slopes, strict=True)
     ]
+    lines += [
+        f"  The environment, beside {_percent(share)} of the motion, {_adds(slope, fitted.target)}."
+        for share, slope in zip(scene.shares, scene.slopes, strict=True)
+    ]
+    return lines
 
 
 def _adds(slope: Slope, target: str) -> str:

@@ -67,7 +67,8 @@ class Fitted:
         features: fitted feature map of the environment; None without one.
         scenes: environments that were demonstrated; None without one.
         inflation: factor on predictive variances.
-        gate: how far the environment is believed.
+        gate: how far the environment is believed before anything of the motion was seen.
+        scene_trust: how far it is believed beside the part of the motion that was seen.
         trust: how far the human's motion is believed.
         num_folds: folds on which choices were made; 0 where nothing could be held out.
         alone: knowledge from motions alone, which answers where nothing of the scene was observed; None where this
@@ -89,6 +90,7 @@ class Fitted:
     scenes: SceneRange | None = None
     inflation: float = 1.0
     gate: Slope = Slope()
+    scene_trust: Trust = Trust()
     trust: Trust = Trust()
     num_folds: int = 0
     alone: Fitted | None = None

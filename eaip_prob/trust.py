@@ -56,6 +56,9 @@ class Trust:
         return all(slope.value == 1.0 for slope in self.slopes)
 
 
+NO_TRUST = Trust((0.0,), (Slope(0.0, 0.0, 0.0, 0.0),))
+
+
 def tempered(before: Posterior, after: Posterior, share: Float[Tensor, "*#batch"]) -> Posterior:
     """The share of an update that is believed.
 

@@ -24,24 +24,37 @@ def slope_of(predicted: np.ndarray, true: np.ndarray) -> Slope:
 
 @pytest.mark.parametrize("towards", [0.0, 1.0])
 @pytest.mark.parametrize(("groups", "variance"), [(2, 9.0), (3, 4.5), (4, 3.0), (12, 11 / 9)])
-def test_uncertain_slopes_are_drawn_to_a_value(towards: float, groups: int, variance: float) -> None:
+def test_a_slope_goes_as_far_as_its_gain_is_certain(towards: float, groups: int, variance: float) -> None:
     predicted, true = deviations(0.63, 0.5, groups=groups, seed=3)
     sums = [torch.tensor(part.sum(1)) for part in (predicted * true, predicted**2, true**2)]
     plain, drawn = Slope.of(*sums), Slope.of(*sums, towards=towards)
-    away = plain.estimate - towards
-    expected = towards + away * away**2 / (away**2 + variance * plain.error**2)
+    gains = [
+        float(((one - towards * moved) ** 2 - (one - plain.value * moved) ** 2).sum())
+        for moved, one in zip(predicted, true, strict=True)
+    ]
+    mean = sum(gains) / groups
+    error = math.sqrt(sum((gain - mean) ** 2 for gain in gains) / (groups - 1) / groups)
+    expected = towards + (plain.value - towards) * mean**2 / (mean**2 + variance * error**2)
     assert (drawn.estimate, drawn.error) == (plain.estimate, plain.error)
-    assert drawn.value == pytest.approx(expected, rel=1e-12)
+    assert drawn.value == pytest.approx(expected, rel=1e-9)
     assert abs(drawn.value - towards) < abs(plain.value - towards)
     left = ((true - expected * predicted) ** 2).sum() / (true**2).sum()
     assert drawn.explained == pytest.approx(1.0 - left, rel=1e-9)
 
 
-def test_the_best_multiple_of_a_noisy_slope() -> None:
-    true_slope, draws = 0.5, np.random.default_rng(0).normal(0.5, 0.4, 200_000)
+def test_nothing_gained_is_nothing_moved() -> None:
+    predicted, true = deviations(1.7, 0.1, groups=6)
+    sums = [torch.tensor(part.sum(1)) for part in (predicted * true, predicted**2, true**2)]
+    assert Slope.of(*sums, towards=1.0).value == 1.0  # above 1 all is believed
+    one = [part[:1] for part in sums]
+    assert Slope.of(*one, towards=0.0).value == 0.0
+
+
+def test_the_best_share_of_a_noisy_gain() -> None:
+    truth, draws = 0.5, np.random.default_rng(0).normal(0.5, 0.4, 200_000)
     shares = np.linspace(0.0, 1.5, 301)
-    risk = [((share * draws - true_slope) ** 2).mean() for share in shares]
-    assert shares[int(np.argmin(risk))] == pytest.approx(true_slope**2 / (true_slope**2 + 0.16), abs=0.02)
+    risk = [((share * draws - truth) ** 2).mean() for share in shares]
+    assert shares[int(np.argmin(risk))] == pytest.approx(truth**2 / (truth**2 + 0.16), abs=0.02)
 
 
 def through_origin(predicted: np.ndarray, true: np.ndarray) -> float:

@@ -106,7 +106,7 @@ def predictor(time: Tensor, human: Tensor, robot: Tensor) -> InteractionPredicto
         Demonstration(Trajectory(time, human[i]), Trajectory(time, robot[i])) for i in range(NUM_DEMONSTRATIONS)
     ]
     primitives = ProMP(num_basis=NUM_BASIS), DMP(num_basis=NUM_BASIS)
-    unfitted = InteractionPredictor(*primitives, phase=ElapsedClock(), noise=NOISE, recalibrate=False)
+    unfitted = InteractionPredictor(*primitives, phase=ElapsedClock(), noise=NOISE, trust=False, recalibrate=False)
     return unfitted.fit(DemonstrationSet(demonstrations))
 
 

@@ -72,7 +72,7 @@ def expected(clock, environment):
 def test_a_known_law_is_recovered_with_its_own_features(law, features):
     clock = ExpectedClock().fit(data(law, seed=20), "human")
     assert isinstance(clock.chosen, features)
-    assert clock.slope > 0.97 and clock.explained > 0.95
+    assert clock.slope > 0.95 and clock.explained > 0.95
     z = normal(30, 3, seed=5).clamp(-1.5, 1.5)
     error = expected(clock, EnvironmentFeatures(NAMES, z * UNITS + MEANS)).log() - law(z)
     assert float(error.square().mean()) < 0.03**2
@@ -196,7 +196,7 @@ def test_far_environments_give_no_hours():
     clock = ExpectedClock(RawFeatures()).fit(demonstrations, "human")
     far = EnvironmentFeatures(NAMES, MEANS + UNITS * torch.tensor([[200.0, 0.0, 0.0], [-200.0, 0.0, 0.0]]))
     shortest, longest = durations(demonstrations).min(), durations(demonstrations).max()
-    assert clock.slope > 0.99
+    assert clock.slope > 0.97
     bounds = torch.stack([2.0 * longest, shortest / 2.0]).log()
     mean = clock.mean
     torch.testing.assert_close(expected(clock, far).log(), mean + clock.slope * (bounds - mean))
@@ -270,8 +270,11 @@ def test_the_slope_is_that_of_groups_left_out():
     slope = HeldOut(predicted, true, group).slope()
     estimate = float(predicted @ true / (predicted @ predicted))
     assert slope.estimate == pytest.approx(estimate)
-    # Eight groups leave seven degrees of freedom, of which a t variable has the variance 7 / 5.
-    assert slope.value == pytest.approx(estimate**3 / (estimate**2 + 1.4 * slope.error**2))
+    saved = true.square() - (true - estimate * predicted).square()
+    gains = torch.stack([saved[group == label].sum() for label in range(8)])
+    # Eight groups leave seven degrees of freedom: a t variable has the variance 7 / 5.
+    certain = float(gains.mean() ** 2 / (gains.mean() ** 2 + 1.4 * gains.var() / 8))
+    assert slope.value == pytest.approx(estimate * certain)
     left = (true - slope.value * predicted).square().sum() / true.square().sum()
     assert slope.explained == pytest.approx(1.0 - float(left))
     ratios = [

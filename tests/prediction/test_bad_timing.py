@@ -14,7 +14,7 @@ from eaip_prob.data.features import QuadraticFeatures, RawFeatures
 from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.errors import ExtrapolationWarning, HeldOutWarning, InputError
 from eaip_prob.models import GaussianJointModel, KernelJointModel
-from eaip_prob.phase import ElapsedClock, ExpectedClock
+from eaip_prob.phase import ElapsedClock
 from eaip_prob.prediction import InteractionPredictor
 from eaip_prob.primitives import DMP
 from eaip_prob.slope import Slope
@@ -123,7 +123,7 @@ def test_one_group_leaves_stated_defaults() -> None:
     assert scenes is not None and found.alone is not None
     torch.testing.assert_close(found.noise, 0.02 * human.values.flatten(0, 1).std(0, correction=0))
     torch.testing.assert_close(found.environment_noise, 0.1 * scenes.value.std(0, correction=0))
-    assert isinstance(found.phase, ExpectedClock) and isinstance(found.features, RawFeatures)
+    assert isinstance(found.phase, ElapsedClock) and isinstance(found.features, RawFeatures)
     assert isinstance(found.alone.phase, ElapsedClock)
     for part in (found, found.alone):
         assert (part.gate, part.trust, part.inflation, part.num_folds) == (Slope(), Trust(), 1.0, 0)

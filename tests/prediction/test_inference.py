@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -20,8 +22,9 @@ TIMES = torch.tensor([1.2, 1.9, 2.8, 4.5], dtype=torch.float64)
 @pytest.fixture(scope="module")
 def models() -> dict[str, InteractionPredictor]:
     fast = {"trust": False, "recalibrate": False}
-    kernel = quick("expected", model=KernelJointModel(SHRINKAGE, bandwidth=1.5), **fast).fit(motions(15))
-    return {name: quick(name, **fast).fit(motions(15)) for name in CLOCKS} | {"kernel": kernel}
+    made = {name: quick(name, **fast) for name in CLOCKS}
+    made["kernel"] = quick("expected", model=KernelJointModel(SHRINKAGE, bandwidth=1.5), **fast)
+    return {name: with_fitted(model.fit(motions(15)), scene_trust=Trust()) for name, model in made.items()}
 
 
 def new() -> tuple[Trajectory, EnvironmentFeatures]:
@@ -48,6 +51,28 @@ def test_trust_lies_between_the_scene_alone_and_all_evidence(
     torch.testing.assert_close(came.mean, mean, rtol=1e-8, atol=1e-9)
     torch.testing.assert_close(came.covariance, covariance, rtol=1e-7, atol=1e-10)
     assert torch.equal(came.log_evidence, everything.log_evidence)
+
+
+@pytest.mark.parametrize("trust", [Trust(), DOUBT])
+@pytest.mark.parametrize("seen", [2, 25])
+def test_trust_in_the_scene_lies_between_the_motion_alone_and_both(
+    models: dict[str, InteractionPredictor], trust: Trust, seen: int
+) -> None:
+    human, scene = new()
+    model = with_fitted(models["elapsed"], trust=trust)
+    # The joint of motion and scene, nothing told of the scene: the clock is the same, the variance does not grow.
+    joint = dataclasses.replace(models["elapsed"].require_fitted(), alone=None)
+    blind = dataclasses.replace(models["elapsed"], fitted=joint).predict(human.first(seen), None, TIMES)
+    everything = model.predict(human.first(seen), scene, TIMES)
+    came = with_fitted(model, scene_trust=DOUBT).predict(human.first(seen), scene, TIMES)
+    share = float(human.time[seen - 1] - human.time[0]) / float(everything.phase.duration)
+    g = np.interp(share, [0.2, 0.6], [0.3, 0.8])
+    before, growth = blind.covariance, float(everything.inflation)
+    covariance = growth * before - (2 * g - g**2) * (growth * before - everything.covariance)
+    torch.testing.assert_close(came.mean, blind.mean + g * (everything.mean - blind.mean), rtol=1e-8, atol=1e-9)
+    torch.testing.assert_close(came.covariance, covariance, rtol=1e-7, atol=1e-10)
+    unseen = with_fitted(model, scene_trust=DOUBT).predict(human.first(seen).hide(SIGNALS), scene, TIMES)
+    torch.testing.assert_close(unseen.mean, model.predict(human.first(seen).hide(SIGNALS), scene, TIMES).mean)
 
 
 def test_each_motion_of_a_batch_is_trusted_by_its_own_share(models: dict[str, InteractionPredictor]) -> None:

@@ -14,6 +14,7 @@ from eaip_prob.errors import InputError
 from eaip_prob.forecast import Prediction
 from eaip_prob.prediction import InteractionPredictor
 from eaip_prob.slope import Slope
+from eaip_prob.trust import Trust
 
 
 def same(one: Prediction, other: Prediction, tolerance: float = 1e-12) -> None:
@@ -148,6 +149,8 @@ def test_a_batch_that_was_partly_observed_is_its_members(both: InteractionPredic
 
 def test_other_noise_reaches_both_joints(both: InteractionPredictor) -> None:
     seen, scene = observation()
+    # Beside a motion that tells nothing the scene would be believed less: that is another matter.
+    both = dataclasses.replace(both, fitted=dataclasses.replace(both.require_fitted(), scene_trust=Trust()))
     deaf = both.with_noise(noise=1e6)
     hidden = seen.hide(["x"])
     for features in (None, scene):

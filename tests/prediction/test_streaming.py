@@ -22,6 +22,7 @@ from eaip_prob.slope import Slope
 from eaip_prob.trust import Trust
 
 DOUBT = Trust((0.2, 0.6), (Slope(0.3), Slope(0.8)))
+HALF = Trust((0.1, 0.7), (Slope(0.9), Slope(0.4)))
 TIMES = torch.tensor([1.2, 1.9, 2.8, 4.5], dtype=torch.float64)
 
 
@@ -115,7 +116,9 @@ WAYS = [*CLOCKS, "expected, kernel", "marginal, kernel"]
 def test_a_stream_equals_the_prediction_from_all_of_it(
     models: dict[str, InteractionPredictor], way: str, doubt: bool
 ) -> None:
-    model = with_fitted(models[way], inflation=0.6, trust=DOUBT if doubt else Trust())
+    model = with_fitted(
+        models[way], inflation=0.6, trust=DOUBT if doubt else Trust(), scene_trust=HALF if doubt else Trust()
+    )
 
     @settings(max_examples=20, deadline=None, derandomize=True, database=None)
     @given(arrivals(), st.booleans())
@@ -129,7 +132,9 @@ def test_a_stream_equals_the_prediction_from_all_of_it(
 @pytest.mark.parametrize("target", ["robot", "human"])
 @pytest.mark.parametrize("separate", [True, False])
 def test_every_step_of_a_motion(target: str, separate: bool) -> None:
-    model = with_fitted(quick("expected", target=target, separate=separate).fit(motions(12)), trust=DOUBT)
+    model = with_fitted(
+        quick("expected", target=target, separate=separate).fit(motions(12)), trust=DOUBT, scene_trust=HALF
+    )
     test = motions(1, seed=9)[0]
     assert test.human is not None
     for scene in (None, test.environment):
@@ -146,7 +151,7 @@ def told(width: float = 0.7, observed: tuple[bool, bool] = (True, True)) -> Envi
 
 @pytest.mark.parametrize("way", ["expected", "marginal, kernel"])
 def test_a_scene_that_comes_changes_and_goes(models: dict[str, InteractionPredictor], way: str) -> None:
-    model, test = with_fitted(models[way], trust=DOUBT), motions(1, seed=9)[0].human
+    model, test = with_fitted(models[way], trust=DOUBT, scene_trust=HALF), motions(1, seed=9)[0].human
     assert test is not None
     history = [None, told(), None, told(0.5), told(0.5, (True, False)), EnvironmentFeatures.unseen(SCENE), None, told()]
     state, known, means = model.init(), None, []
@@ -168,7 +173,7 @@ def test_a_gate_that_is_closed(models: dict[str, InteractionPredictor], way: str
 
 
 def test_states_are_values(models: dict[str, InteractionPredictor]) -> None:
-    model, test = with_fitted(models["marginal"], trust=DOUBT), motions(1, seed=9)[0]
+    model, test = with_fitted(models["marginal"], trust=DOUBT, scene_trust=HALF), motions(1, seed=9)[0]
     assert test.human is not None
     states, predictions = [model.init(test.environment)], []
     for place in range(6):
@@ -188,7 +193,7 @@ def test_states_are_values(models: dict[str, InteractionPredictor]) -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_frames_on_which_nothing_was_seen(models: dict[str, InteractionPredictor], way: str) -> None:
-    model, test = with_fitted(models[way], trust=DOUBT), motions(1, seed=9)[0]
+    model, test = with_fitted(models[way], trust=DOUBT, scene_trust=HALF), motions(1, seed=9)[0]
     assert test.human is not None
     hidden = dataclasses.replace(test.human, mask=test.human.mask & (torch.arange(25) >= 4)[:, None])
     state = model.init(test.environment)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import pytest
@@ -16,7 +17,7 @@ FULL = Trust((0.31,), (Slope(1.0, 1.2, 0.1, 0.926),))
 
 @functools.cache
 def trained() -> InteractionPredictor:
-    return with_fitted(quick("expected").fit(motions(9)), trust=TRUST, inflation=1.44)
+    return with_fitted(quick("expected").fit(motions(9)), trust=TRUST, scene_trust=Trust(), inflation=1.44)
 
 
 def lines(gate: Slope) -> list[str]:
@@ -51,8 +52,20 @@ def test_what_the_motion_tells_with_the_environment_and_without() -> None:
     ]
 
 
+def test_what_the_environment_tells_beside_the_motion() -> None:
+    scene_trust = Trust((0.1, 0.8), (Slope(1.0, 1.0, 0.1, 0.31), Slope(0.7, 0.6, 0.2, 0.02)))
+    fitted = trained().require_fitted()
+    came = dataclasses.replace(trained(), fitted=dataclasses.replace(fitted, scene_trust=scene_trust)).summary()
+    beside = [line for line in came.split("\n") if "beside" in line]
+    assert beside == [
+        "  The environment, beside 10 % of the motion, explains 31 % of what is left of the robot's.",
+        "  The environment, beside 80 % of the motion, explains 2 % of what is left of the robot's, believed to 70 %.",
+    ]
+
+
 def test_full_trust_and_the_person_as_target() -> None:
-    model = with_fitted(quick("elapsed", target="human", separate=False).fit(motions(9)), trust=FULL, inflation=0.25)
+    model = with_fitted(quick("elapsed", target="human", separate=False).fit(motions(9)), trust=FULL)
+    model = with_fitted(model, scene_trust=Trust(), inflation=0.25)
     came = with_fitted(model, gate=Slope(1.0, 1.0, 0.1, 0.5)).summary().split("\n")
     assert came == [
         "The environment (distance, height) explains 50 % of the human's variation in new groups.",
