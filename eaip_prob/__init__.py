@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from eaip_prob.data.environment import EnvironmentFeatures
     from eaip_prob.data.trajectory import Trajectory
     from eaip_prob.prediction import InteractionPredictor
+    from eaip_prob.readiness import Readiness
 
 __version__ = "0.1.0"
 
@@ -23,6 +24,7 @@ __all__ = [
     "DemonstrationSet",
     "EnvironmentFeatures",
     "InteractionPredictor",
+    "Readiness",
     "Trajectory",
     "build",
     "conf_dir",
@@ -39,6 +41,7 @@ _HOMES = {
     "DemonstrationSet": "eaip_prob.data.demonstrations",
     "EnvironmentFeatures": "eaip_prob.data.environment",
     "InteractionPredictor": "eaip_prob.prediction",
+    "Readiness": "eaip_prob.readiness",
     "Trajectory": "eaip_prob.data.trajectory",
     "build": "eaip_prob.config",
     "conf_dir": "eaip_prob.config",

@@ -32,6 +32,7 @@ from eaip_prob.streaming import Stream, begun, stepped
 from eaip_prob.training import ENVIRONMENT, HUMAN, ROBOT, Fitted
 
 _Part = TypeVar("_Part")
+_LONG = 2.0  # times the longest demonstration
 
 
 def _clocks() -> tuple[AbstractPhaseEstimator, ...]:
@@ -209,6 +210,7 @@ class InteractionPredictor:
         if environment is not None:
             check_scenes(environment, trajectory.batch_shape)
         fitted, environment = self.serving(environment)
+        _warn_of_long_waits(fitted, trajectory)
         return predicted(fitted, trajectory, environment, time, phase, also)
 
     def init(self, environment: EnvironmentFeatures | None = None) -> Stream:
@@ -257,7 +259,10 @@ class InteractionPredictor:
             raise InputError("Expected a state of this predictor, got another's. Begin with init(environment).")
         if environment is not None:
             state = begun(*self.serving(environment)).after(state.observed)
-        return stepped(state, sample, time)
+        prediction, state = stepped(state, sample, time)
+        assert state.observed is not None
+        _warn_of_long_waits(state.fitted, state.observed)
+        return prediction, state
 
     def serving(self, environment: EnvironmentFeatures | None) -> tuple[Fitted, EnvironmentFeatures | None]:
         """(the joint that answers, what it is told of the scene)."""
@@ -338,3 +343,16 @@ def _warn_of_far_scenes(fitted: Fitted, environment: EnvironmentFeatures) -> Non
         ExtrapolationWarning,
         stacklevel=4,
     )
+
+
+def _warn_of_long_waits(fitted: Fitted, trajectory: Trajectory) -> None:
+    """Says when somebody has been watched for much longer than any motion lasted."""
+    watched = float((trajectory.time[..., -1] - trajectory.time[..., 0]).amax())
+    if watched > _LONG * fitted.longest:
+        warnings.warn(
+            f"The person has been watched for {watched:.3g} s, the longest demonstration took {fitted.longest:.3g} s: "
+            "behind the end that the clock allows, samples count as rest at the goal, which the prediction holds. "
+            "Begin anew, with init(environment), when the person starts to move.",
+            ExtrapolationWarning,
+            stacklevel=3,
+        )

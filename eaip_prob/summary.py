@@ -61,7 +61,7 @@ def _adds(slope: Slope, target: str) -> str:
 
 
 def _believed(slope: Slope) -> str:
-    return "" if slope.value == 1.0 else f", believed to {_percent(slope.value)}"
+    return "" if slope.value >= 0.995 else f", believed to {_percent(slope.value)}"
 
 
 def _percent(share: float) -> str:

@@ -64,6 +64,7 @@ class Fitted:
         residual: variance of what the target's primitive cannot represent, units squared.
         boundary: mean start of the target.
         step: median sampling step of the target, seconds.
+        longest: duration of the longest demonstration, seconds.
         features: fitted feature map of the environment; None without one.
         scenes: environments that were demonstrated; None without one.
         inflation: factor on predictive variances.
@@ -86,6 +87,7 @@ class Fitted:
     residual: Float[Tensor, "target_signals"]
     boundary: Boundary
     step: float
+    longest: float
     features: AbstractFeatureMap | None = None
     scenes: SceneRange | None = None
     inflation: float = 1.0
@@ -187,6 +189,7 @@ def train(demonstrations: DemonstrationSet, recipe: Recipe) -> Training:
         residual=target.residual,
         boundary=Boundary(target.boundary.start.mean(0), target.boundary.velocity.mean(0)),
         step=float(motions[recipe.target].time.diff(dim=-1).median()),
+        longest=float(motions[HUMAN].duration.amax()),
     )
     paths = phase.at(motions[HUMAN].time)[..., 0, :]
     return Training(demonstrations, motions, paths, weights, None, grams, make, recipe.target, clock.limit)

@@ -20,6 +20,7 @@ from eaip_prob.primitives import DMP
 from eaip_prob.slope import Slope
 from eaip_prob.trust import Trust
 
+pytestmark = pytest.mark.filterwarnings("ignore:The person has been watched")
 NEAR = 0.05  # seconds after the last sample
 
 
@@ -179,9 +180,15 @@ def test_strong_evidence_is_followed(clock: str, kind: str, seen: int) -> None:
 @pytest.mark.parametrize("clock", list(CLOCKS))
 def test_long_after_the_expected_end(clock: str) -> None:
     model, motion = fitted(clock), behaved("stays", 9.0)
+    scene = the_motion().environment
+    with pytest.warns(ExtrapolationWarning, match=r"watched for \d.* s, the longest demonstration took 1\.\d* s"):
+        came = model.predict(motion, scene)
+    with pytest.warns(ExtrapolationWarning, match="watched"):
+        model.step(motion, model.init(scene))
+    longest = model.require_fitted().longest
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        came = model.predict(motion, the_motion().environment)
+        model.predict(motion.first(int((motion.time - motion.time[0] <= 2.0 * longest).sum())), scene)
     ahead = came.at(motion.time[-1:] + torch.tensor([0.0, 1.0, 1e3]))
     assert bool(ahead.mean.isfinite().all() and (ahead.variance > 0).all())
     # Behind the limit of the clock a motion is at rest.
