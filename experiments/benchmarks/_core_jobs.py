@@ -121,7 +121,7 @@ def jobs(seed: int) -> dict[str, Pair]:
     pairs[f"rollout_{NUM_ROLLOUTS}_9"] = rollout(problem, NUM_ROLLOUTS, NUM_HUMAN + NUM_ROBOT)
     pairs["dtw_200"], pairs["dtw_step"] = align(problem)
     pairs["predict"] = predict(problem, 100)
-    return pairs | _running_jobs.jobs(problem, seed)
+    return pairs | dict(_running_jobs.jobs(problem, seed))
 
 
 def encode(problem: Problem, num: int) -> Pair:

@@ -82,7 +82,9 @@ def following(problem: Problem, fitted: InteractionPredictor, scenes: Environmen
     return state
 
 
-def plain_terms(problem: Problem, state: Stream) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+def plain_terms(
+    problem: Problem, state: Stream
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """((mean, covariance) once the scene is known, (design, values, deviation) of the samples) in numpy."""
     from _core_jobs import DURATION
 

@@ -63,6 +63,6 @@ def test_the_study_as_configured(module):
         few_demonstrations.methods(settings)
     )
     parts = few_demonstrations.parts(settings)
-    assert len(parts) == 5 * 5 * 10
+    assert len(parts) == 5 * 3 * 10
     for part in parts[:10]:
         assert build(part.config["predictor"]).target == "human"

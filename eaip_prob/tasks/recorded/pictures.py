@@ -17,6 +17,7 @@ from eaip_prob.figures import (
     pit_histogram,
     save_figure,
     score_lines,
+    signed_log,
 )
 from eaip_prob.figures.style import as_array
 from eaip_prob.methods import EAIP, ENVIRONMENT, IP, MEAN, PAPER_EAIP
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 SEEN = "share of the motion seen (%)"
 LEVELS = tuple(0.05 * number for number in range(1, 20))
 _SIGNAL_COLORS = ("#332288", "#117733", "#AA4499", "#88771f")
-_NLL_LINEAR = 2.0
 
 
 def draw(folder: Path, study: Study, unit: str) -> None:
@@ -62,20 +62,11 @@ def draw_scores(folder: Path, study: Study, unit: str) -> None:
         if score == "rmse":
             ax.set_ylim(bottom=0.0)
         elif score == "nll":
-            _signed_log(ax)
+            signed_log(ax)
         else:
             ax.axhline(0.9, color="#444444", linewidth=1, linestyle="--")
             ax.set_ylim(0.0, 1.02)
         save_figure(figure, folder, f"scores_{score}")
-
-
-def _signed_log(ax: Axes) -> None:
-    """Over-confident methods differ by orders of magnitude, and densities above 1 make their nll negative."""
-    from matplotlib.ticker import ScalarFormatter, SymmetricalLogLocator
-
-    ax.set_yscale("symlog", linthresh=_NLL_LINEAR)
-    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=_NLL_LINEAR, subs=[1, 2, 3, 5]))
-    ax.yaxis.set_major_formatter(ScalarFormatter())
 
 
 def draw_gains(folder: Path, study: Study, unit: str) -> None:
