@@ -181,3 +181,8 @@ def test_signed_log_keeps_negative_scores():
     assert (places[1:] > places[:-1]).all()
     assert places[3] - places[2] == pytest.approx(places[2] - places[1])
     assert places[4] - places[3] < 20 * (places[3] - places[2])
+
+
+def test_a_name_that_comes_twice_takes_one_style() -> None:
+    names = [f"clock {number}" for number in range(6)]
+    assert figures.method_styles(names * 3) == figures.method_styles(names)

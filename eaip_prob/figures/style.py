@@ -63,7 +63,7 @@ def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
         '#0072B2'
     """
     spare = iter(_SPARE_STYLES)
-    styles = {name: METHOD_STYLES.get(name) or next(spare, None) for name in methods}
+    styles = {name: METHOD_STYLES.get(name) or next(spare, None) for name in dict.fromkeys(methods)}
     found = {name: style for name, style in styles.items() if style is not None}
     if len(found) < len(styles):
         raise InputError(

@@ -24,8 +24,6 @@ from eaip_prob.phase.elapsed import ElapsedClock
 from eaip_prob.phase.log_duration import HeldOut, LogDurationRegression
 from eaip_prob.slope import Slope
 
-_REACHED = 0.98  # quantile of duration / expected duration at which the phase ends
-
 
 @dataclass(frozen=True, eq=False)
 class ExpectedClock(AbstractPhaseEstimator):
@@ -36,8 +34,8 @@ class ExpectedClock(AbstractPhaseEstimator):
     its deviation from mean log T is multiplied by `slope`, that of the true on the predicted deviation of groups left
     out: 0 for an environment that says nothing about the duration (by chance it opens for one useless environment in
     four, at a cost of 1 or 2 % of the variance of log T with 100 demonstrations), or where no group can be left out.
-    Without an environment, or with a wholly unobserved one, the clock is the constant exp(mean log T). `limit` is at
-    least 1 and the 98 % quantile of the demonstrations' duration over its expectation.
+    Without an environment, or with a wholly unobserved one, the clock is the constant exp(mean log T). `limit` is the
+    longest demonstration on this clock, so that an environment which says nothing leaves `ElapsedClock` to the digit.
 
     Args:
         features: phi, or several, of which the one with the least squared error of log T for groups left out is kept:
@@ -97,7 +95,7 @@ class ExpectedClock(AbstractPhaseEstimator):
             groups = [group for group, kept in zip(demonstrations.groups, seen.tolist(), strict=True) if kept]
             fitted = fitted._regressed(environment[seen], durations[seen].log(), groups)
         expected = fitted.log_duration(environment).exp()
-        limit = max(1.0, float((durations / expected).quantile(_REACHED)))
+        limit = max(1.0, float((durations / expected).amax()))
         object.__setattr__(fitted, "limit", limit)
         return fitted
 
