@@ -79,12 +79,12 @@ def test_lines_show_the_scores_sorted_in_the_methods_colour() -> None:
 
 
 def test_every_method_has_its_own_colour() -> None:
-    names = [*figures.METHOD_STYLES, *(f"other {i}" for i in range(12))]
+    names = [*figures.METHOD_STYLES, *(f"other {i}" for i in range(18))]
     styles = figures.method_styles(names)
     looks = {(style.color, style.line) for style in styles.values()}
     assert len({style.color for style in figures.METHOD_STYLES.values()}) == len(figures.METHOD_STYLES)
     assert len(looks) == len(names)
-    with pytest.raises(InputError, match="at most 12"):
+    with pytest.raises(InputError, match="at most 18"):
         figures.method_styles([*names, "one more"])
 
 

@@ -48,7 +48,14 @@ METHOD_STYLES: Mapping[str, MethodStyle] = {
 _SPARE_STYLES = tuple(
     MethodStyle(color, marker, line)
     for line in ("-", "--", ":")
-    for color, marker in (("#332288", "p"), ("#AA4499", "X"), ("#999933", "h"), ("#44AA99", "*"))
+    for color, marker in (
+        ("#332288", "p"),
+        ("#AA4499", "X"),
+        ("#999933", "h"),
+        ("#44AA99", "*"),
+        ("#661100", "d"),
+        ("#117733", "<"),
+    )
 )
 
 
