@@ -59,10 +59,15 @@ class FittedMethods:
     ) -> FittedMethods:
         """Fits the five predictors; `generator` shuffles the environments."""
         ours = predictor.fit(demonstrations)
-        alone = ours.require_fitted().alone
+        known = ours.require_fitted()
+        alone = known.alone
+        # The kernel's clock and features are those of the plain model: choosing them anew would cost most of its time.
+        clock = next(clock for clock in predictor.clocks if type(clock) is type(known.phase))
+        features = next(features for features in predictor.maps if type(features) is type(known.features))
+        kernel = replace(predictor, model=KernelJointModel(), phase=clock, features=features)
         return cls(
             ours,
-            replace(predictor, model=KernelJointModel()).fit(demonstrations, alone),
+            kernel.fit(demonstrations, alone),
             predictor.fit(shuffled_environments(demonstrations, generator), alone),
             paper.fit(demonstrations),
             replace(predictor, phase=KnownPhase(), separate=False).fit(demonstrations),
