@@ -111,11 +111,15 @@ class Prediction:
     @cached_property
     def mean(self) -> Float[Tensor, "*batch times signals"]:
         """Expected path, in the signals' units."""
+        if self.component_means.shape[-3] == 1:
+            return self.component_means[..., 0, :, :]
         return (self._weight * self.component_means).sum(-3)
 
     @cached_property
     def variance(self) -> Float[Tensor, "*batch times signals"]:
         """Marginal variance of each sample, units squared."""
+        if self.component_means.shape[-3] == 1:
+            return self.component_variances[..., 0, :, :].expand(self.mean.shape)
         spread = (self.component_means - self.mean[..., None, :, :]).square()
         return (self._weight * (self.component_variances + spread)).sum(-3)
 

@@ -126,6 +126,8 @@ def check_scenes(environment: EnvironmentFeatures, batch: torch.Size) -> None:
     """
     check_type("environment", environment, EnvironmentFeatures, "Make one with EnvironmentFeatures(names, value).")
     scenes = environment.value.shape[:-1]
+    if scenes in ((), batch):
+        return
     try:
         torch.broadcast_shapes(scenes, batch)
     except RuntimeError as error:

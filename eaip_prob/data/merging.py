@@ -47,4 +47,4 @@ def _appended(first: Trajectory, second: Trajectory) -> Trajectory:
     parts = [first, second]
     time, values, mask = (torch.cat([getattr(part, name) for part in parts]) for name in ("time", "values", "mask"))
     noise = None if first.noise is None else torch.cat([part.noise for part in parts if part.noise is not None])
-    return Trajectory(time, values, first.names, mask, noise)
+    return Trajectory.of_checked(time, values, first.names, mask, noise)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import torch
@@ -68,6 +68,7 @@ class ExpectedClock(AbstractPhaseEstimator):
     slope: float = 0.0
     explained: float = 0.0
     regression: LogDurationRegression | None = None
+    _last: list[tuple[EnvironmentFeatures, Tensor]] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
         maps = self.features if isinstance(self.features, Sequence) else (self.features,)
@@ -109,6 +110,15 @@ class ExpectedClock(AbstractPhaseEstimator):
 
     def log_duration(self, environment: EnvironmentFeatures | None) -> Float[Tensor, "*batch"]:
         """E[log T | e], the mean where nothing was observed; T in seconds."""
+        # While a person moves the scene is the same at every sample.
+        if self._last and self._last[0][0] is environment:
+            return self._last[0][1]
+        expected = self._expected(environment)
+        if environment is not None:
+            self._last[:] = [(environment, expected)]
+        return expected
+
+    def _expected(self, environment: EnvironmentFeatures | None) -> Float[Tensor, "*batch"]:
         mean = torch.tensor(require_fitted(self.mean, "ExpectedClock"), dtype=torch.float64)
         if environment is None or self.regression is None:
             return mean if environment is None else mean.expand(environment.value.shape[:-1])

@@ -208,6 +208,8 @@ def _times_duration(
 ) -> Float[Tensor, "*batch rows weights"]:
     """The last column, of the start velocity, times the duration."""
     duration = duration[..., None, None]
+    if columns.shape[:-2] == duration.shape[:-2]:
+        return torch.cat([columns[..., :-1], columns[..., -1:] * duration], -1)
     batch = torch.broadcast_shapes(columns.shape[:-2], duration.shape[:-2])
     return torch.cat(
         [columns[..., :-1].expand(*batch, -1, -1), (columns[..., -1:] * duration).expand(*batch, -1, -1)], -1
