@@ -7,7 +7,7 @@ because a motion that tells nothing of a new person's does harm. Trust in the sc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 from jaxtyping import Float
@@ -28,24 +28,22 @@ def earned_gate(parts: Sequence[HeldOut]) -> Slope:
 
 def earned_trust(parts: Sequence[HeldOut]) -> Trust:
     """How far the motion is believed, the scene known where there is one."""
-    return _trust(parts, HeldOut.moved_by_human, towards=0.0)
+    return _trust(parts, "trust", towards=0.0)
 
 
 def earned_scene_trust(parts: Sequence[HeldOut]) -> Trust:
     """How far the scene is believed beside what was seen of the motion."""
-    return _trust(parts, HeldOut.moved_by_known_scene, towards=1.0)
+    return _trust(parts, "scene_trust", towards=1.0)
 
 
-def _trust(
-    parts: Sequence[HeldOut], moved: Callable[[HeldOut, float], tuple[float, Moved] | None], towards: float
-) -> Trust:
+def _trust(parts: Sequence[HeldOut], which: str, towards: float) -> Trust:
     """A slope after each share of a motion that leaves something to predict.
 
     Neighbouring shares count too: the slopes of few people after one share alone are mostly noise.
     """
     found: dict[float, Tensor] = {}
     for share in SHARES_SEEN:
-        there = [pair for part in parts if (pair := moved(part, share)) is not None]
+        there = [pair for part in parts if (pair := part.moved_by(which, share)) is not None]
         if there:
             place = sum(place for place, _ in there) / len(there)
             found[place] = _sums([part for _, part in there], _groups(parts))

@@ -177,23 +177,21 @@ class HeldOut:
         before, after = (self._predict(nothing, scene) for scene in (None, self.left_out.environment))
         return self._moved(before, after, self.left_out.target.mask)
 
-    def moved_by_human(self, share: float) -> tuple[float, Moved] | None:
-        """(share of the expected duration seen, how that moves the expected motion); None where nothing is ahead."""
-        seen, mask = self.left_out.future(share)
-        if not bool(mask.any()):
-            return None
-        before = self._predict(seen.hide(seen.names), self.left_out.environment)
-        after = self.given(trust=Trust())._predict(seen, self.left_out.environment)
-        place = seen_share(seen, after.phase).expand(len(mask))[mask.flatten(1).any(-1)]
-        return float(place.mean()), self._moved(before, after, mask)
+    def moved_by(self, trust: str, share: float) -> tuple[float, Moved] | None:
+        """How `trust` (in the motion) or `scene_trust` moves the expected motion from none to full.
 
-    def moved_by_known_scene(self, share: float) -> tuple[float, Moved] | None:
-        """The same for the scene, once a share of the motion was seen."""
+        Args:
+            trust: field of `Fitted`.
+            share: of the usual duration that is seen.
+
+        Returns:
+            (share of the expected duration seen, sums); None where nothing is ahead.
+        """
         seen, mask = self.left_out.future(share)
         if not bool(mask.any()):
             return None
         before, after = (
-            self.given(scene_trust=trust)._predict(seen, self.left_out.environment) for trust in (NO_TRUST, Trust())
+            self.given(**{trust: value})._predict(seen, self.left_out.environment) for value in (NO_TRUST, Trust())
         )
         place = seen_share(seen, after.phase).expand(len(mask))[mask.flatten(1).any(-1)]
         return float(place.mean()), self._moved(before, after, mask)

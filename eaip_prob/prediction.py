@@ -68,8 +68,8 @@ class InteractionPredictor:
         criterion: what held-out choices maximise: "prediction" (density of the target's future), or "evidence" (density
             of what was observed, as the paper's likelihood).
         num_samples: resample demonstrations to this many before encoding; None keeps them as recorded.
-        recalibrate: multiply predictive variances by the mean squared standardised error on held-out groups.
-        gate: believe the environment as far as it told on held-out groups.
+        recalibrate: multiply predictive variances so that 90 % intervals hold 90 % of the samples of held-out groups.
+        gate: believe the environment, alone and beside the motion seen, as far as it told on held-out groups.
         trust: believe the human's motion as far as it told on held-out groups.
         separate: fit a joint of the motions alone beside the one with the environment.
         fitted: what `fit` learnt.
@@ -142,9 +142,10 @@ class InteractionPredictor:
         Raises:
             InputError: fewer than two demonstrations, or an agent that is missing.
         """
-        from eaip_prob.selection import selected
+        from eaip_prob.selection import selected, warn_where_nothing_is_held_out
 
         self._check_agents(demonstrations)
+        warn_where_nothing_is_held_out(demonstrations)
         if demonstrations.environments is None:
             return replace(self, fitted=selected(self, demonstrations))
         together = selected(self, demonstrations)

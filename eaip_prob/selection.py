@@ -47,8 +47,6 @@ def selected(predictor: InteractionPredictor, demonstrations: DemonstrationSet) 
         demonstrations: with or without environment.
     """
     folds = group_folds(demonstrations.groups)
-    if not folds:
-        _warn_of_one_group(demonstrations)
     model = _middle(predictor.model)
     maps = [] if demonstrations.environments is None else predictor.maps
     searches: list[_Search] = []
@@ -262,7 +260,10 @@ def _positive(spread: Tensor, size: Tensor) -> Tensor:
     return torch.where(spread > 1e-9 * size, spread, torch.where(size > 0, size, 1.0))
 
 
-def _warn_of_one_group(demonstrations: DemonstrationSet) -> None:
+def warn_where_nothing_is_held_out(demonstrations: DemonstrationSet) -> None:
+    """Says which defaults stand where a choice on held-out groups would be, to who calls the caller."""
+    if group_folds(demonstrations.groups):
+        return
     labels = set(demonstrations.groups)
     what = f"are of one group ({labels.pop()!r})" if len(labels) == 1 else "are too few to leave a group out"
     warnings.warn(
@@ -271,5 +272,5 @@ def _warn_of_one_group(demonstrations: DemonstrationSet) -> None:
         "deviations are taken, everything observed is believed and variances are not calibrated. Record more people or "
         "scenes, or pass DemonstrationSet(demonstrations, groups) with groups that differ.",
         HeldOutWarning,
-        stacklevel=4,
+        stacklevel=3,
     )

@@ -1,8 +1,8 @@
 """How much people vary in tempo, whether the scene explains it, and which clock copes with it: simulated people.
 
-People who pass over a rectangle take a log-normal time; the rectangle explains most of its variance, or nothing. Each
-clock is fitted to each kind of people and predicts the rest of their motions, in real time, after 20, 50 and 80 % of
-them. A run that was interrupted and is started again with the same run_dir goes on where it stopped.
+People who pass over a rectangle take a log-normal time; the rectangle explains all of its variance, most of it, or
+nothing. Each clock is fitted to each kind of people and predicts the rest of their motions, in real time, after 20, 50
+and 80 % of them. A run that was interrupted and is started again with the same run_dir goes on where it stopped.
 """
 
 from __future__ import annotations

@@ -139,19 +139,18 @@ class Trajectory:
 
     def first(self, num_samples: int) -> Trajectory:
         """The first samples, as somebody watching would have seen them so far."""
-        if not (isinstance(num_samples, numbers.Integral) and 1 <= num_samples <= self.num_samples):
-            raise InputError(
-                f"Expected num_samples from 1 to {self.num_samples}, got {num_samples!r}. Give a whole number."
-            )
-        return self._at_samples(slice(None, num_samples))
+        return self._at_samples(slice(None, self._checked_count(num_samples)))
 
     def last(self, num_samples: int) -> Trajectory:
         """The last samples, as they arrive one after another."""
+        return self._at_samples(slice(self.num_samples - self._checked_count(num_samples), None))
+
+    def _checked_count(self, num_samples: int) -> int:
         if not (isinstance(num_samples, numbers.Integral) and 1 <= num_samples <= self.num_samples):
             raise InputError(
                 f"Expected num_samples from 1 to {self.num_samples}, got {num_samples!r}. Give a whole number."
             )
-        return self._at_samples(slice(self.num_samples - num_samples, None))
+        return num_samples
 
     def _at_samples(self, index: slice) -> Trajectory:
         noise = None if self.noise is None else self.noise[..., index, :, :]

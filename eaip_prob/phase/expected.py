@@ -32,10 +32,9 @@ class ExpectedClock(AbstractPhaseEstimator):
     What a person does faster or slower than expected stays in the covariance of the weights. E[log T | phi(e)] is a
     ridge regression, from the features that are observed and to within a factor of two of the demonstrated durations;
     its deviation from mean log T is multiplied by `slope`, that of the true on the predicted deviation of groups left
-    out: 0 for an environment that says nothing about the duration (by chance it opens for one useless environment in
-    four, at a cost of 1 or 2 % of the variance of log T with 100 demonstrations), or where no group can be left out.
+    out: 0 for an environment that says nothing about the duration, or where no group can be left out.
     Without an environment, or with a wholly unobserved one, the clock is the constant exp(mean log T). `limit` is the
-    longest demonstration on this clock, so that an environment which says nothing leaves `ElapsedClock` to the digit.
+    longest demonstration on this clock, so that with a slope of 0 it is `ElapsedClock` to the digit.
 
     Args:
         features: phi, or several, of which the one with the least squared error of log T for groups left out is kept:

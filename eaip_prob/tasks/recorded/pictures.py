@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 SEEN = "share of the motion seen (%)"
 LEVELS = tuple(0.05 * number for number in range(1, 20))
+_NLL_LINEAR = 10.0  # nats; below, no method is so over-confident that the others cannot be told apart
 _SIGNAL_COLORS = ("#332288", "#117733", "#AA4499", "#88771f")
 
 
@@ -62,7 +63,8 @@ def draw_scores(folder: Path, study: Study, unit: str) -> None:
         if score == "rmse":
             ax.set_ylim(bottom=0.0)
         elif score == "nll":
-            signed_log(ax)
+            if max(summary[score] for summary in summaries.values()) > _NLL_LINEAR:
+                signed_log(ax)
         else:
             ax.axhline(0.9, color="#444444", linewidth=1, linestyle="--")
             ax.set_ylim(0.0, 1.02)
