@@ -120,8 +120,9 @@ class BlockGaussian:
         mean, covariance = as_float64("mean", self.mean), as_float64("covariance", self.covariance)
         check_shape("mean", mean, [self.layout.total])
         check_shape("covariance", covariance, [self.layout.total, self.layout.total])
-        check_finite("mean", mean)
-        check_finite("covariance", covariance)
+        advice = "Mend what computed this Gaussian; look for a division by zero."
+        check_finite("mean", mean, advice=advice)
+        check_finite("covariance", covariance, advice=advice)
         if torch.broadcast_shapes(mean.shape[:-1], covariance.shape[:-2]) != mean.shape[:-1]:
             raise ShapeError(
                 f"Expected a covariance with the batch axes of the mean or fewer, got {tuple(covariance.shape)} for a "

@@ -18,6 +18,7 @@ from eaip_prob.data.trajectory import Trajectory
 from eaip_prob.encoding import encode
 from eaip_prob.evidence import AbstractEvidence
 from eaip_prob.models import AbstractJointModel
+from eaip_prob.models.learnt import check_learnt, named
 from eaip_prob.phase import AbstractPhaseEstimator
 from eaip_prob.primitives import AbstractPrimitive, Boundary
 from eaip_prob.slope import Slope
@@ -157,8 +158,15 @@ class Training:
     def fitted(
         self, model: AbstractJointModel, noise: Float[Tensor, "signals"], environment_noise: Float[Tensor, "features"]
     ) -> Fitted:
-        """With a joint model, not yet fitted, and noise in the quantities' units."""
-        model = model.fit(self.weights, self.observed, self.demonstrations.groups, self.target, self.grams)
+        """With a joint model, not yet fitted, and noise in the quantities' units.
+
+        Raises:
+            InputError: what `fit` returned is no joint model of these blocks.
+            NotPositiveDefiniteError: what it learnt is no Gaussian.
+        """
+        with named(f"{type(model).__name__}.fit"):
+            model = model.fit(self.weights, self.observed, self.demonstrations.groups, self.target, self.grams)
+        check_learnt(model, {block: rows.shape[-1] for block, rows in self.weights.items()}, self.target)
         return self.make(model=model, noise=noise, environment_noise=environment_noise)
 
 

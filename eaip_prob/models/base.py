@@ -5,14 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from eaip_prob.errors import InputError
 from eaip_prob.gaussian import BlockGaussian
 from eaip_prob.linalg import symmetrised
+from eaip_prob.models.state import decode, encode
 from eaip_prob.observation import AbstractObservation
 
 
@@ -24,6 +26,14 @@ class Posterior:
         components: mean (*batch, J, Z).
         log_weight: (*batch, J), normalised.
         log_evidence: (*batch,), log density of the observed values, nats.
+
+    Example:
+        >>> from eaip_prob.gaussian import BlockLayout
+        >>> mean, covariance = torch.tensor([[-1.0], [3.0]]), torch.ones(2, 1, 1)
+        >>> components = BlockGaussian(mean, covariance, BlockLayout({"robot": 1}))
+        >>> posterior = Posterior(components, torch.tensor([0.5, 0.5]).log(), torch.tensor(0.0))
+        >>> posterior.mean("robot").tolist(), posterior.covariance("robot").tolist()
+        ([1.0], [[5.0]])
     """
 
     components: BlockGaussian
@@ -43,6 +53,15 @@ class Posterior:
         """Covariance of one block over all components (moment-matched)."""
         within = self.components.block_covariance(block)
         deviation = self.components.block_mean(block) - self.mean(block)[..., None, :]
+        return self._matched(within, deviation)
+
+    def moment_matched(self) -> BlockGaussian:
+        """The Gaussian of all blocks, (*batch, Z), with the mean and the covariance of the mixture."""
+        parts = self.components
+        mean = (self.weight[..., None] * parts.mean).sum(-2)
+        return BlockGaussian(mean, self._matched(parts.covariance, parts.mean - mean[..., None, :]), parts.layout)
+
+    def _matched(self, within: Tensor, deviation: Tensor) -> Tensor:
         total = within + deviation[..., :, None] * deviation[..., None, :]
         return symmetrised((self.weight[..., None, None] * total).sum(-3))
 
@@ -88,9 +107,21 @@ class Posterior:
 class AbstractJointModel(ABC):
     """A distribution over the blocks `human`, `robot`, `environment` learnt from demonstrations.
 
-    A subclass gives `fit`, `posterior` and `state`/`from_state`; in return `InteractionPredictor` uses it with every
-    primitive, evidence and clock. Models see weights only, never trajectories.
+    A subclass is a frozen dataclass that gives `fit` and `posterior`; in return `InteractionPredictor` uses it with
+    every primitive, evidence and clock, it is saved and restored, and `eaip_prob.testing.joint_model_checks` tells
+    whether it keeps the promises below. It may also give `candidates` and a `prior` that is cheaper or exact. Models
+    see weights only, never trajectories.
+
+    Attributes:
+        supports_missing: `fit` takes `observed` masks and never reads a masked weight. False: it refuses a mask that
+            hides anything, with an InputError. Selects the checks of missing weights, or that of the refusal.
+        conditions_prior: the posterior is `prior` conditioned by Gaussian algebra, whatever is observed. Selects the
+            checks against the dense formula of a conditioned Gaussian. False, for instance, where an observed
+            environment weights the demonstrations anew.
     """
+
+    supports_missing: ClassVar[bool] = True
+    conditions_prior: ClassVar[bool] = False
 
     @abstractmethod
     def fit(
@@ -137,21 +168,38 @@ class AbstractJointModel(ABC):
         """
 
     @property
-    @abstractmethod
     def prior(self) -> BlockGaussian:
         """Mean and covariance of all blocks before any observation.
 
         Raises:
             NotFittedError: before `fit`.
         """
+        return self.posterior(()).moment_matched()
 
-    @abstractmethod
     def state(self) -> dict[str, Any]:
-        """Everything that was fitted, as tensors, numbers and strings."""
+        """The fitted model as tensors, numbers, texts, lists and mappings, which `torch.save` writes without pickle.
 
-    @abstractmethod
-    def from_state(self, state: Mapping[str, Any]) -> Self:
-        """The model with a fitted state that `state` returned."""
+        Raises:
+            NotFittedError: before `fit`.
+            InputError: a model that is no dataclass, or holds what cannot be written; the message names the field.
+        """
+        _ = self.prior  # an unfitted model is refused: `fit` returns the fitted one, which is easily dropped
+        return encode(self, type(self).__name__)
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> Self:
+        """The model whose `state` was written, with everything that was chosen and fitted.
+
+        Raises:
+            InputError: a damaged state, or one of another class.
+        """
+        model = decode(state, cls.__name__)
+        if not isinstance(model, cls):
+            raise InputError(
+                f"Expected the state of a {cls.__name__}, got that of a {type(model).__name__}. Call from_state on "
+                "the class whose model was saved."
+            )
+        return model
 
 
 def conditioned(
@@ -160,7 +208,20 @@ def conditioned(
     log_weight: Tensor | None,
     keep: Sequence[str] | None,
 ) -> Posterior:
-    """The posterior of one Gaussian under J hypotheses, weighted by their evidence."""
+    """The posterior of one Gaussian under J hypotheses, weighted by their evidence.
+
+    Args:
+        joint: mean (*batch, Z) of all blocks.
+        observations: with batch axes (*batch, J).
+        log_weight: (*batch, J) prior log weight of the hypotheses; default J = 1.
+        keep: blocks of the answer; default all.
+
+    Example:
+        >>> from eaip_prob.gaussian import BlockLayout
+        >>> joint = BlockGaussian(torch.zeros(2), torch.eye(2), BlockLayout({"human": 1, "robot": 1}))
+        >>> conditioned(joint, (), None, ["robot"]).mean("robot")
+        tensor([0.], dtype=torch.float64)
+    """
     components, log_evidence = joint.update(observations, keep)
     if log_weight is None:
         log_weight = components.mean.new_zeros(1)

@@ -85,7 +85,13 @@ class AbstractCovariance(ABC):
 
 @dataclass(frozen=True)
 class EmpiricalCovariance(AbstractCovariance):
-    """The sample covariance divided by N (Eq. 9)."""
+    """The sample covariance divided by N (Eq. 9).
+
+    Example:
+        >>> rows = torch.tensor([[1.0, 0.0], [3.0, 4.0]], dtype=torch.float64)
+        >>> EmpiricalCovariance().estimate(rows, (), torch.tensor([0]), torch.tensor([], dtype=torch.long)).tolist()
+        [[1.0, 2.0], [2.0, 4.0]]
+    """
 
     takes_moments: ClassVar[bool] = True
 
@@ -120,6 +126,12 @@ class ShrinkageCovariance(AbstractCovariance):
         amount: between 0 and 1; None chooses it by the held-out likelihood of the target given all other weights, or
             takes 0.1 where no group can be left out. An `InteractionPredictor` chooses among `candidates` instead, by
             the held-out density of the target's future given the beginning of a motion.
+
+    Example:
+        >>> rows = torch.tensor([[1.0, 0.0], [3.0, 4.0]], dtype=torch.float64)
+        >>> no_features = torch.tensor([], dtype=torch.long)
+        >>> ShrinkageCovariance(0.5).estimate(rows, (), torch.tensor([0]), no_features).tolist()
+        [[1.0, 1.0], [1.0, 4.0]]
     """
 
     takes_moments: ClassVar[bool] = True

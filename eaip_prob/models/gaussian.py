@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import ClassVar, Self
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from eaip_prob.errors import InputError, NotFittedError
-from eaip_prob.gaussian import BlockGaussian, BlockLayout
+from eaip_prob.gaussian import BlockGaussian
 from eaip_prob.linalg import min_norm_solution, symmetrised
 from eaip_prob.models.base import AbstractJointModel, Posterior, conditioned
 from eaip_prob.models.covariance import AbstractCovariance, ShrinkageCovariance
@@ -40,6 +40,7 @@ class GaussianJointModel(AbstractJointModel):
         ('human', 'robot')
     """
 
+    conditions_prior: ClassVar[bool] = True
     covariance: AbstractCovariance = field(default_factory=ShrinkageCovariance)
     environment: str = "block"
     joint: BlockGaussian | None = None
@@ -106,15 +107,3 @@ class GaussianJointModel(AbstractJointModel):
     ) -> Posterior:
         """See `AbstractJointModel.posterior`."""
         return conditioned(self.prior, observations, log_weight, keep)
-
-    def state(self) -> dict[str, Any]:
-        """Mean, covariance and block sizes."""
-        joint = self.prior
-        return {"mean": joint.mean, "covariance": joint.covariance, "sizes": dict(joint.layout.sizes)}
-
-    def from_state(self, state: Mapping[str, Any]) -> Self:
-        """The model fitted as `state` says."""
-        missing = {"mean", "covariance", "sizes"} - set(state)
-        if missing:
-            raise InputError(f"Expected a state with mean, covariance and sizes, {sorted(missing)} missing.")
-        return replace(self, joint=BlockGaussian(state["mean"], state["covariance"], BlockLayout(state["sizes"])))

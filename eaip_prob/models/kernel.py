@@ -20,11 +20,10 @@ Letters: N demonstrations, Z weights of all blocks, E features, M rows of the sc
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Self
 
 import torch
 from jaxtyping import Bool, Float
@@ -32,7 +31,7 @@ from torch import Tensor
 
 from eaip_prob.checks import check_type
 from eaip_prob.errors import InputError, NotFittedError
-from eaip_prob.gaussian import BlockGaussian, BlockLayout
+from eaip_prob.gaussian import BlockGaussian
 from eaip_prob.linalg import collapsed, safe_cholesky, triangular_solve
 from eaip_prob.models.base import AbstractJointModel, Posterior, conditioned
 from eaip_prob.models.covariance import AbstractCovariance, ShrinkageCovariance, sample_covariance
@@ -219,34 +218,6 @@ class KernelJointModel(AbstractJointModel):
     ) -> Posterior:
         """See `AbstractJointModel.posterior`; the log evidence is that of the weighted demonstrations."""
         return conditioned(self._neighbourhoods.near(observations), observations, log_weight, keep)
-
-    def state(self) -> dict[str, Any]:
-        """Demonstrations, coordinates, the joint of equal weights, and what was chosen."""
-        fitted = self._neighbourhoods
-        chosen = {part.name: getattr(fitted.covariance, part.name) for part in dataclasses.fields(fitted.covariance)}
-        return {
-            "rows": fitted.rows,
-            "forward": fitted.coordinates.forward,
-            "back": fitted.coordinates.back,
-            "covariance": fitted.joint.covariance,
-            "sizes": dict(fitted.joint.layout.sizes),
-            "estimator": chosen,
-            "bandwidth": fitted.bandwidth,
-            "floor": fitted.floor,
-        }
-
-    def from_state(self, state: Mapping[str, Any]) -> Self:
-        """The model fitted as `state` says; the class of the estimator is this model's."""
-        keys = ("rows", "forward", "back", "covariance", "sizes", "estimator", "bandwidth", "floor")
-        missing = sorted(set(keys) - set(state))
-        if missing:
-            raise InputError(f"Expected a state with {', '.join(keys)}, {missing} missing.")
-        rows = state["rows"]
-        joint = BlockGaussian(rows.mean(0), state["covariance"], BlockLayout(state["sizes"]))
-        estimator = replace(self.covariance, **state["estimator"])
-        coordinates = Coordinates(state["forward"], state["back"])
-        fitted = Neighbourhoods(rows, coordinates, estimator, joint, state["bandwidth"], state["floor"])
-        return replace(self, fitted=fitted)
 
     @property
     def _neighbourhoods(self) -> Neighbourhoods:

@@ -156,22 +156,6 @@ def test_target_reaches_the_estimator_behind_a_regression() -> None:
     torch.testing.assert_close(joint.covariance[2:, 2:], expected, rtol=1e-12, atol=0)
 
 
-@pytest.mark.parametrize("form", ["block", "regression"])
-def test_state_round_trip(form: str) -> None:
-    fitted = GaussianJointModel(environment=form).fit(weights(9))
-    state = fitted.state()
-    again = GaussianJointModel(environment=form).from_state(state)
-    assert dict(again.prior.layout.sizes) == SIZES
-    one, other = (m.posterior([human_seen((2, 1))]).mean("robot") for m in (fitted, again))
-    assert torch.equal(one, other)
-    assert torch.equal(state["covariance"], fitted.prior.covariance)
-
-
-def test_state_that_lacks_something() -> None:
-    with pytest.raises(InputError, match=r"\['covariance', 'sizes'\] missing"):
-        GaussianJointModel().from_state({"mean": torch.zeros(2)})
-
-
 @pytest.mark.parametrize("batch", [(), (3,), (2, 3)])
 def test_hypotheses_are_weighted_by_evidence(model: GaussianJointModel, batch: tuple[int, ...]) -> None:
     seen, log_weight, posterior = posterior_of(model, batch)

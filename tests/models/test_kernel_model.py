@@ -363,21 +363,6 @@ def test_what_no_regression_on_the_features_shows() -> None:
     assert errors[0] < 0.15 < 0.3 < errors[1]
 
 
-@pytest.mark.parametrize("estimator", [ShrinkageCovariance(), EmpiricalCovariance()])
-def test_state_round_trip(estimator: ShrinkageCovariance | EmpiricalCovariance) -> None:
-    fitted = KernelJointModel(estimator, 0.9, 0.01).fit(weights(), grams={"robot": gram()})
-    state = fitted.state()
-    again = KernelJointModel(estimator).from_state(state)
-    seen = [human_seen((2, 1)), scene_seen((2, 1))]
-    assert torch.equal(again.posterior(seen).components.mean, fitted.posterior(seen).components.mean)
-    assert torch.equal(again.posterior(seen).components.covariance, fitted.posterior(seen).components.covariance)
-    assert torch.equal(again.prior.covariance, fitted.prior.covariance)
-    leaves = [leaf for part in state.values() for leaf in (part.values() if isinstance(part, dict) else [part])]
-    assert all(isinstance(leaf, torch.Tensor | float | int | str) for leaf in leaves)
-    with pytest.raises(InputError, match=r"\['bandwidth'\] missing"):
-        again.from_state({key: part for key, part in state.items() if key != "bandwidth"})
-
-
 def test_the_amount_is_chosen_once_with_equal_weights() -> None:
     rows, groups = weights(20), [i // 4 for i in range(20)]
     model = KernelJointModel().fit(rows, groups=groups)
