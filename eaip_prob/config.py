@@ -93,6 +93,7 @@ def build(cfg: Any, **arguments: Any) -> Any:
     function = functools.partial(deferred.func, *deferred.args, **{**deferred.keywords, **arguments})
     if cfg.get("_partial_"):
         return function
+    _check_complete(key, function.func)
     _check_arguments(key, function)
     return function()
 
@@ -133,8 +134,15 @@ def hydra_hands_errors_on() -> Iterator[bool]:
 
 def refusal(error: Exception) -> InputError:
     """What Hydra says about a command line, in one sentence and without the folders it searched."""
-    text = str(error).split("\nConfig search path")[0]
-    return InputError(f"Expected keys and options that exist, got: {' '.join(text.split())}. See --help.")
+    from eaip_prob.plugins import missing_folders
+
+    text = " ".join(str(error).split("\nConfig search path")[0].split()).rstrip(".")
+    hint = "See --help."
+    if "hydra/launcher" in text:
+        hint = "Its launchers come with pip install 'eaip_prob[sweeps]'."
+    return InputError(
+        " ".join(filter(None, [f"Expected keys and options that exist, got: {text}.", hint, missing_folders()]))
+    )
 
 
 def _are_numbers(value: Any) -> bool:
@@ -158,6 +166,14 @@ def _check_no_key_open(key: str, cfg: Any, arguments: Mapping[str, Any]) -> None
     still_open = sorted(OmegaConf.missing_keys(cfg) - set(arguments))
     if still_open:
         raise InputError(f"Expected a value for {still_open} in {key}, got ???. Set it on the command line.")
+
+
+def _check_complete(key: str, target: Callable[..., Any]) -> None:
+    lacking = sorted(getattr(target, "__abstractmethods__", ()))
+    if lacking:
+        raise InputError(
+            f"Expected {key} to name a complete class, got {_name(target)}, which lacks {lacking}. Write it."
+        )
 
 
 def _check_arguments(key: str, function: functools.partial[Any]) -> None:
@@ -193,9 +209,10 @@ def _explained(key: str, error: BaseException) -> BaseException:
     place = re.search(r"full_key: (\S+)", str(error))
     where = f"configuration key {place[1]!r}" if place else key
     because = f" {type(cause).__name__}: {cause}." if cause is not error else ""
+    advice = "the module that it names" if sentence.startswith("Error locating target") else "its keys"
     return InputError(
         f"Expected {where} to describe something that can be built, got: {sentence.rstrip('.:')}.{because} "
-        f"Mend its _target_ or its keys."
+        f"Mend its _target_ or {advice}."
     )
 
 

@@ -29,6 +29,10 @@ class MissingDataError(EaipError, FileNotFoundError):
     """Recorded data that an experiment reads are not where `data_dir` says."""
 
 
+class StorageError(EaipError, OSError):
+    """Results cannot be written: the disk is full, a quota is used up, or the folder is read-only."""
+
+
 class NotFittedError(EaipError, RuntimeError):
     """A method that needs `fit` was called before it."""
 

@@ -3,13 +3,13 @@
 `mean`, `environment`, `ip` and `eaip` are one fitted predictor with blocks unobserved; `eaip_kernel` weights the
 demonstrations by their environment; `eaip_shuffled` is fitted to environments shuffled over the demonstrations, which
 shows what a useless environment costs; `paper_ip` and `paper_eaip` are the method as published; `eaip_known_phase` is
-told the true duration, a study outside every comparison.
+told the true duration, a study outside every comparison. Further joint models have a row each, beside `eaip`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 from jaxtyping import Float
@@ -18,10 +18,11 @@ from torch import Tensor
 from eaip_prob.data.demonstrations import Demonstration, DemonstrationSet
 from eaip_prob.data.environment import EnvironmentFeatures
 from eaip_prob.data.trajectory import Trajectory
+from eaip_prob.errors import InputError
 from eaip_prob.evaluation import future_mask, gaussian_mixture_nll, mixture_pit, squared_error
 from eaip_prob.evaluation.scoring import scored_mean
 from eaip_prob.forecast import Prediction
-from eaip_prob.models import KernelJointModel
+from eaip_prob.models import AbstractJointModel, KernelJointModel
 from eaip_prob.phase import KnownPhase, known_phase
 from eaip_prob.prediction import InteractionPredictor
 
@@ -41,6 +42,7 @@ class FittedMethods:
         shuffled: the same, environments shuffled.
         paper: the published method.
         known: ours with every demonstration on its own duration.
+        further: ours with other joint models.
     """
 
     ours: InteractionPredictor
@@ -48,6 +50,12 @@ class FittedMethods:
     shuffled: InteractionPredictor
     paper: InteractionPredictor
     known: InteractionPredictor
+    further: Mapping[str, InteractionPredictor] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """`METHODS`, then the further models."""
+        return (*METHODS, *self.further)
 
     @classmethod
     def fit(
@@ -56,8 +64,16 @@ class FittedMethods:
         paper: InteractionPredictor,
         demonstrations: DemonstrationSet,
         generator: torch.Generator,
+        models: Mapping[str, AbstractJointModel] | None = None,
     ) -> FittedMethods:
-        """Fits the five predictors; `generator` shuffles the environments."""
+        """Fits the five predictors, and one for each further model; `generator` shuffles the environments.
+
+        Raises:
+            InputError: a further model named as one of `METHODS`.
+        """
+        models = models or {}
+        if taken := sorted(set(models) & set(METHODS)):
+            raise InputError(f"Expected names of further models beside {METHODS}, got {taken}. Choose other names.")
         ours = predictor.fit(demonstrations)
         known = ours.require_fitted()
         alone = known.alone
@@ -71,6 +87,10 @@ class FittedMethods:
             predictor.fit(shuffled_environments(demonstrations, generator), alone),
             paper.fit(demonstrations),
             replace(predictor, phase=KnownPhase(), separate=False).fit(demonstrations),
+            {
+                name: replace(predictor, model=model, phase=clock, features=features).fit(demonstrations)
+                for name, model in models.items()
+            },
         )
 
     def predict(
@@ -84,7 +104,7 @@ class FittedMethods:
         """The prediction of one method.
 
         Args:
-            method: one of `METHODS`.
+            method: one of `names`.
             observed: beginnings of motions, batched.
             environment: features of the scene, batched.
             time: times to predict at, seconds.
@@ -97,6 +117,8 @@ class FittedMethods:
             return self.paper.predict(observed, scene, time)
         if method in (KERNEL, SHUFFLED):
             return (self.kernel if method == KERNEL else self.shuffled).predict(observed, scene, time)
+        if method in self.further:
+            return self.further[method].predict(observed, scene, time)
         if method == KNOWN:
             return self.known.predict(observed, scene, time, phase=known_phase(observed, duration))
         return self.ours.predict(observed, scene, time)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from eaip_prob.errors import DataFileError, InputError
-from eaip_prob.runs import flat_metrics, write_text
+from eaip_prob.run_folder import flat_metrics, write_text
 
 FOLDER = "parts"
 

@@ -33,12 +33,14 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     started = time.perf_counter()
     demonstrations = read_handover(repository_path(cfg.data_dir))
 
+    models = {name: build(model) for name, model in cfg.models.items()}
+
     def fit(training: DemonstrationSet) -> FittedMethods:
         shuffle = torch.Generator().manual_seed(cfg.seed)
-        return FittedMethods.fit(build(cfg.predictor), build(cfg.paper), training, shuffle)
+        return FittedMethods.fit(build(cfg.predictor), build(cfg.paper), training, shuffle, models)
 
     folds = tqdm(consecutive_folds(demonstrations, cfg.num_folds), "recordings left out", disable=None)
-    study = studied(demonstrations, folds, fit, METHODS, list(cfg.percent_seen), list(cfg.examples))
+    study = studied(demonstrations, folds, fit, (*METHODS, *models), list(cfg.percent_seen), list(cfg.examples))
     text = report.text(study, "m", "recordings")
     pictures.draw(folder, study, "m")
     with build(

@@ -27,7 +27,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     from tqdm import tqdm
 
     from eaip_prob.config import build
-    from eaip_prob.methods import METHODS, FittedMethods
+    from eaip_prob.methods import FittedMethods
     from eaip_prob.tables import text_table
     from eaip_prob.tasks.passing_over import pictures, study
     from eaip_prob.tasks.passing_over.success import passed
@@ -42,11 +42,12 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     training = study.Beginnings.of(demonstrations, demonstrations)
     test = study.Beginnings.of(task.demonstrations(cfg.num_test, cfg.seed, "test"), demonstrations)
     test.check_lengths(lengths)
-    methods = FittedMethods.fit(build(cfg.predictor), build(cfg.paper), demonstrations, stream(0))
+    models = {name: build(model) for name, model in cfg.models.items()}
+    methods = FittedMethods.fit(build(cfg.predictor), build(cfg.paper), demonstrations, stream(0), models)
     floor = float(study.floor(test))
 
-    num_rows = len(study.SCENARIOS) * len(lengths) * (len(METHODS) + len(study.GAINS))
-    rows = dict(tqdm(study.table(methods, test, METHODS, lengths, task.bound), "scores", num_rows, disable=None))
+    num_rows = len(study.SCENARIOS) * len(lengths) * (len(methods.names) + len(study.GAINS))
+    rows = dict(tqdm(study.table(methods, test, methods.names, lengths, task.bound), "scores", num_rows, disable=None))
     scores = {name: row for name, row in rows.items() if not name.startswith("gain/")}
     metrics: dict[str, Any] = {name: row for name, row in rows.items() if name.startswith("gain/")}
     for name, row in scores.items():
@@ -58,7 +59,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     errors = study.feature_errors(methods, many, cfg.feature_errors, cfg.feature_noises, stream(1))
     errors = dict(tqdm(errors, "errors in e", num_errors, disable=None))
     metrics |= errors
-    metrics |= dict(study.observation_noise(methods, test, METHODS, cfg.sample_noises, stream(2)))
+    metrics |= dict(study.observation_noise(methods, test, methods.names, cfg.sample_noises, stream(2)))
     metrics |= dict(study.paper_sigma(methods, test, lengths))
     novel = list(study.novel_plans(methods, task, cfg.num_plans, lambda number: stream(100 + number)))
     success = {f"{w:g}x{h:g}": float(passed(plans, w, h, task.bound).double().mean()) for (w, h), _, plans in novel}

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import shutil
 import subprocess
@@ -16,7 +15,7 @@ from omegaconf import OmegaConf
 
 from eaip_prob.config import conf_dir
 from eaip_prob.errors import InputError, MissingDataError
-from eaip_prob.runs import experiment, flat_metrics, write_text
+from eaip_prob.runs import experiment
 
 SCRIPT = '''"""Doubles a number, or refuses to."""
 from pathlib import Path
@@ -144,32 +143,6 @@ def test_absent_data_leave_no_metrics(folder, tmp_path):
     assert not (tmp_path / "run" / "metrics.json").exists()
 
 
-def test_metrics_are_flat_sorted_floats():
-    flat = flat_metrics({"b": {"y": np.float32(0.5), "x": {"z": torch.tensor(2)}}, "a": True})
-    assert list(flat.items()) == [("a", 1.0), ("b/x/z", 2.0), ("b/y", 0.5)]
-    assert all(type(value) is float for value in flat.values())
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "1", None, [1.0], torch.ones(2), 1j])
-def test_what_is_no_finite_number_is_refused_by_its_key(value):
-    with pytest.raises(InputError, match="'eaip/rmse'"):
-        flat_metrics({"eaip": {"rmse": value}})
-
-
-def test_one_key_twice_is_refused():
-    with pytest.raises(InputError, match="twice"):
-        flat_metrics({"a": {"b": 1}, "a/b": 2})
-
-
-def test_a_write_that_fails_leaves_the_file(tmp_path, monkeypatch):
-    target = tmp_path / "file"
-    write_text(target, "old")
-    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
-    with pytest.raises(OSError, match="full"):
-        write_text(target, "new")
-    assert target.read_text() == "old"
-
-
 def test_help_tells_what_it_does_its_groups_and_keys(folder):
     answer = start(folder, "--help")
     assert answer.returncode == 0
@@ -210,16 +183,3 @@ def test_a_script_ends_by_the_kind_of_its_error(folder):
     full = start(folder, "mood=refused", "run_dir=r", HYDRA_FULL_ERROR="1")
     assert full.returncode == 2
     assert "Traceback" in full.stderr
-
-
-@pytest.mark.slow
-def test_a_sweep_goes_on_where_it_stopped(folder):
-    sweep = ("-m", "part=three,four", "run_dir=sweep")
-    assert start(folder, *sweep).returncode == 0
-    (folder / "sweep" / "part=four" / "metrics.json").unlink()
-    kept = folder / "sweep" / "part=three" / "metrics.json"
-    before = kept.stat().st_mtime_ns
-    again = start(folder, *sweep)
-    assert again.returncode == 0, again.stderr
-    assert kept.stat().st_mtime_ns == before
-    assert json.loads((folder / "sweep" / "part=four" / "metrics.json").read_text())["double"] == 8

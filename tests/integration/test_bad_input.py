@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import functools
 import importlib.util
 import json
@@ -14,7 +15,6 @@ import numpy as np
 import pytest
 import torch
 
-import eaip_prob.runs as runs_module
 from eaip_prob import Demonstration, DemonstrationSet, EnvironmentFeatures, InteractionPredictor, Trajectory
 from eaip_prob.config import check_kinds
 from eaip_prob.errors import (
@@ -24,13 +24,16 @@ from eaip_prob.errors import (
     InputError,
     MissingDataError,
     ShapeError,
+    StorageError,
 )
 from eaip_prob.observation import LinearObservation
 from eaip_prob.phase import ElapsedClock
+from eaip_prob.run_folder import RunFolder
 from eaip_prob.runs import Experiment, experiment
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ("width", "height")
+REFUSED = {"config.yaml", "environment.json", "error.txt"}
 SMALL = ["num_train=3", "num_test=1", "num_plans=9", "samples_seen=[10]", "recording=none"]
 SMALL += ["feature_errors=[0]", "feature_noises=[20]", "sample_noises=[0]"]
 
@@ -323,7 +326,8 @@ def test_a_refused_run_leaves_its_folder_free(tmp_path: Path, override: str, mes
     run = script("passing_over")
     with pytest.raises(InputError, match=message):
         run.execute(run.compose([*SMALL, override]), tmp_path)
-    assert os.listdir(tmp_path) == []
+    assert set(os.listdir(tmp_path)) <= REFUSED
+    assert not RunFolder(tmp_path).is_finished("another configuration")
 
 
 def test_kinds_follow_the_defaults() -> None:
@@ -350,10 +354,12 @@ def test_a_run_that_was_stopped_keeps_what_it_drew_and_can_go_on(tmp_path: Path,
     run = broken(fails)
     with pytest.raises(type(fails)):
         run.execute(run.compose(), tmp_path)
-    assert sorted(os.listdir(tmp_path)) == ["config.yaml", "environment.json", "figure.txt"]
+    said = ["error.txt"] if isinstance(fails, Exception) else []
+    assert sorted(os.listdir(tmp_path)) == ["config.yaml", "environment.json", *said, "figure.txt"]
     with pytest.raises(InputError, match="another configuration.*nothing was overwritten"):
         run.execute(run.compose(["seed=1"]), tmp_path)
     assert broken(None).execute(run.compose(), tmp_path) == {"rmse": 0.5}
+    assert not (tmp_path / "error.txt").exists()
 
 
 @pytest.mark.parametrize("failing", ["replace", "dumps"])
@@ -363,14 +369,14 @@ def test_metrics_are_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: py
 
     def fail(*arguments, **options):
         if "metrics.json" in str(arguments[-1]) or arguments[0] == {"rmse": 0.5}:
-            raise OSError("disk full")
+            raise OSError(errno.ENOSPC, "disk full")
         return real(*arguments, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(runs_module.os if failing == "replace" else runs_module.json, failing, fail)
-        with pytest.raises(OSError, match="disk full"):
+        patched.setattr(os if failing == "replace" else json, failing, fail)
+        with pytest.raises(StorageError, match="room for results in .*, got: disk full. Make room"):
             run.execute(run.compose(), tmp_path)
-    assert sorted(os.listdir(tmp_path)) == ["config.yaml", "environment.json", "figure.txt"]
+    assert sorted(os.listdir(tmp_path)) == ["config.yaml", "environment.json", "error.txt", "figure.txt"]
     assert run.execute(run.compose(), tmp_path) == {"rmse": 0.5}
     assert json.loads((tmp_path / "metrics.json").read_text()) == {"rmse": 0.5}
 
@@ -400,7 +406,7 @@ def test_a_command_line_is_refused_in_one_sentence(tmp_path: Path, arguments: li
     lines = [line for line in done.stderr.splitlines() if "s/it" not in line and "it/s" not in line]
     assert done.returncode == 2 and len(lines) == 1, done.stderr[-2000:]
     assert message in lines[0] and "Traceback" not in done.stdout
-    assert not (tmp_path / "run").exists() or os.listdir(tmp_path / "run") == []
+    assert not (tmp_path / "run").exists() or set(os.listdir(tmp_path / "run")) <= REFUSED
 
 
 @pytest.mark.slow
@@ -419,7 +425,7 @@ def test_absent_data_can_be_put_there_later(tmp_path: Path) -> None:
     run = f"run_dir={tmp_path / 'run'}"
     done = start("handover", run, f"data_dir={tmp_path}")
     assert done.returncode == 0 and done.stdout.count("\n") == 1 and "set data_dir to the folder" in done.stdout
-    assert os.listdir(tmp_path / "run") == []
+    assert set(os.listdir(tmp_path / "run")) == REFUSED
 
 
 @pytest.mark.slow
