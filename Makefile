@@ -13,7 +13,7 @@ JOBS ?= 2
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help venv demo test docs lint bench system
+.PHONY: help venv demo test docs lint hooks bench system
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -32,10 +32,14 @@ docs: $(STAMP) ## build the documentation into docs/_build/html
 	@echo "Open docs/_build/html/index.html."
 
 lint: $(STAMP) ## check style, types and the direction of imports
+	@test ! -d .git || $(BIN)/pre-commit run --all-files
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/pyright --warnings
 	@$(BIN)/lint-imports --no-logo --no-cache
+
+hooks: $(STAMP) ## check style at every commit from now on
+	@$(BIN)/pre-commit install
 
 bench: $(STAMP) ## time the core operations
 	@$(BIN)/python experiments/benchmarks/core.py

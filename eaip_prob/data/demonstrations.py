@@ -28,6 +28,12 @@ class Demonstration:
 
     Raises:
         InputError: no agent at all, or batched parts.
+
+    Example:
+        >>> reach = Trajectory(time=[0.0, 0.5], values=[[0.0], [1.0]], names=["x"])
+        >>> box = EnvironmentFeatures(("width",), [0.2])
+        >>> Demonstration(human=reach, environment=box).agents
+        ('human',)
     """
 
     human: Trajectory | None = None
@@ -66,6 +72,13 @@ class DemonstrationSet(Sequence[Demonstration]):
 
     Raises:
         InputError: no demonstration, other agents or signals in one of them, or a wrong number of groups.
+
+    Example:
+        >>> reach = Trajectory(time=[0.0, 0.5], values=[[0.0], [1.0]], names=["x"])
+        >>> motions = DemonstrationSet([Demonstration(human=reach)] * 3, groups=["anna", "ben", "anna"])
+        >>> training, held_out = motions.split(["anna"])
+        >>> training.groups, held_out.groups
+        (('ben',), ('anna', 'anna'))
     """
 
     def __init__(self, demonstrations: Sequence[Demonstration], groups: Sequence[int | str] | None = None) -> None:

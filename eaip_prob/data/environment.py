@@ -100,10 +100,19 @@ class EnvironmentFeatures:
 
 
 def stack_environments(environments: Sequence[EnvironmentFeatures]) -> EnvironmentFeatures:
-    """One batch (N, E); every member must have the same names, in any order.
+    """One batch (N, E) of N single environments, in the order of the first one's names.
+
+    Args:
+        environments: N of (E,) features, with the same names in any order.
 
     Raises:
         InputError: nothing to stack, or other names.
+
+    Example:
+        >>> box = EnvironmentFeatures(("width", "height"), [2.0, 1.0])
+        >>> bag = EnvironmentFeatures(("height", "width"), [3.0, 4.0])
+        >>> stack_environments([box, bag]).value.tolist()
+        [[2.0, 1.0], [4.0, 3.0]]
     """
     if not environments:
         raise InputError("Expected at least one set of environment features to stack, got none.")

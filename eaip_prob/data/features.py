@@ -30,6 +30,9 @@ _SHORTEST = 1e-3  # of the median distance: the least length whose logarithm is 
 class RawFeatures(AbstractFeatureMap):
     """The features as they are.
 
+    Args:
+        input_names: E names of the environment, in the order of the demonstrations; None until fitted.
+
     Example:
         >>> box = EnvironmentFeatures(("width", "height"), [[215.0, 125.0]])
         >>> RawFeatures().fit(box)(box).names
@@ -63,9 +66,10 @@ class QuadraticFeatures(AbstractFeatureMap):
     and, with the error of z_k itself, z_i S_jk + z_j S_ik: exact at the z that was measured.
 
     Args:
-        mean: (E,), of the demonstrations; None until fitted.
-        deviation: (E,), their standard deviation.
-        factors: (2, products), places of the two factors of each square and product.
+        mean: (E,), of the demonstrations, in each feature's unit; None until fitted.
+        deviation: (E,), their standard deviation, in each feature's unit; None until fitted.
+        factors: (2, products), places of the two factors of each square and product; None until fitted.
+        input_names: E names of the environment, in the order of the demonstrations; None until fitted.
 
     Example:
         >>> sizes = torch.tensor([[1.0, 1.0], [2.0, 5.0], [4.0, 2.0], [6.0, 9.0], [3.0, 3.0], [5.0, 4.0]])
@@ -134,6 +138,7 @@ class DistanceFeatures(AbstractFeatureMap):
     Args:
         offsets: names of the components, in one unit.
         shortest: the least length whose logarithm is taken, in that unit; None until fitted.
+        input_names: E names of the environment, in the order of the demonstrations; None until fitted.
 
     Raises:
         InputError: no component, or one named twice.

@@ -114,9 +114,22 @@ def _numpy(tensor: torch.Tensor) -> NDArray:
 def load(path: str | Path) -> DemonstrationSet:
     """Reads a set that `save` wrote; nothing is unpickled.
 
+    Args:
+        path: the .npz file.
+
+    Returns:
+        the set, equal in every value, name and group to the one that was saved.
+
     Raises:
         MissingDataError: no such file.
         DataFileError: damaged, truncated, of another kind or format version, or arrays that do not fit together.
+
+    Example:
+        >>> import tempfile
+        >>> reach = Trajectory(time=[0.0, 0.5], values=[[0.0], [0.3]], names=["x"])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     load(save(DemonstrationSet([Demonstration(human=reach)]), f"{folder}/set.npz"))[0].human.values.tolist()
+        [[0.0], [0.3]]
     """
     path = Path(path)
     if not path.exists():

@@ -207,8 +207,18 @@ def stack(trajectories: Sequence[Trajectory]) -> Trajectory:
     Padded time goes on at each motion's own median step, so that it stays strictly increasing. Where all
     motions share one time vector the result keeps it unbatched, (T,), which keeps later designs shared.
 
+    Args:
+        trajectories: N single ones, values (T_n, D), with the same signals; T is the largest T_n.
+
     Raises:
         InputError: no trajectory, names that differ, or noise given for some only.
+
+    Example:
+        >>> short = Trajectory(time=[0.0, 0.1], values=[[1.0], [2.0]])
+        >>> long = Trajectory(time=[0.0, 0.1, 0.2], values=[[1.0], [2.0], [3.0]])
+        >>> motions = stack([short, long])
+        >>> tuple(motions.values.shape), motions.seen.sum(-1).tolist()
+        ((2, 3, 1), [2, 3])
     """
     if not isinstance(trajectories, Sequence):
         raise InputError(f"Expected a Trajectory or a sequence of them, got {type(trajectories).__name__}. {_ADVICE}")

@@ -27,8 +27,12 @@ class Gain:
     Args:
         mean: positive where the method is better, in the unit of the errors.
         low: lower end of the interval; minus infinity with one group.
-        high: upper end.
+        high: upper end; infinity with one group.
         num_groups: groups that were averaged.
+
+    Example:
+        >>> Gain(mean=0.2, low=-0.1, high=0.5, num_groups=8).holds_zero
+        True
     """
 
     mean: float
@@ -51,6 +55,11 @@ class Share:
         low: lower end of the interval.
         high: upper end.
         num_trials: trials that were counted.
+
+    Example:
+        >>> few, many = success_share(3, 4), success_share(300, 400)
+        >>> few.share == many.share, few.low < many.low
+        (True, True)
     """
 
     share: float
@@ -138,6 +147,11 @@ def success_share(num_successes: int, num_trials: int, level: float = 0.95) -> S
     """Share of successes with its Wilson score interval; trials are taken as independent.
 
     (p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n).
+
+    Args:
+        num_successes: how many of the trials succeeded.
+        num_trials: n, at least 1.
+        level: nominal fraction of such intervals that hold the true share.
 
     Raises:
         InputError: no trial, more successes than trials, or a level outside (0, 1).

@@ -27,7 +27,7 @@ def squared_error(
     """Mean of (mean - truth)^2 over the scored samples and signals of each motion, units of the signals squared.
 
     Args:
-        mean: (*batch, T, D), the prediction.
+        mean: (*batch, T, D), the prediction, in the signals' unit.
         truth: (*batch, T, D), what really followed.
         mask: (*batch, T, D) or (*batch, T), True where a sample is scored.
 
@@ -52,7 +52,16 @@ def motion_rmse(
     truth: Float[Tensor, "*#batch time signals"],
     mask: Bool[Tensor, "..."],
 ) -> Float[Tensor, "*batch"]:
-    """Root of `squared_error`, per motion, in the signals' unit; same arguments and errors.
+    """Root of `squared_error`, per motion, in the signals' unit.
+
+    Args:
+        mean: (*batch, T, D), the prediction, in the signals' unit.
+        truth: (*batch, T, D), what really followed.
+        mask: (*batch, T, D) or (*batch, T), True where a sample is scored.
+
+    Raises:
+        ShapeError: shapes that do not fit.
+        InputError: NaN in a scored sample, or a motion without scored samples.
 
     Example:
         >>> truth = torch.tensor([[[3.0]], [[4.0]]], dtype=torch.float64)
@@ -69,7 +78,16 @@ def rmse(
 ) -> Float[Tensor, ""]:
     """Pooled error: root of the mean over motions of `squared_error`, in the signals' unit.
 
-    Every motion counts the same, however many of its samples are scored. Same arguments and errors.
+    Every motion counts the same, however many of its samples are scored.
+
+    Args:
+        mean: (*batch, T, D), the prediction, in the signals' unit.
+        truth: (*batch, T, D), what really followed.
+        mask: (*batch, T, D) or (*batch, T), True where a sample is scored.
+
+    Raises:
+        ShapeError: shapes that do not fit.
+        InputError: NaN in a scored sample, or a motion without scored samples.
 
     Example:
         >>> truth = torch.tensor([[[1.0]], [[7.0]]], dtype=torch.float64)
@@ -90,9 +108,9 @@ def nll(
     -log N(y | m, v) = ((y - m)^2 / v + log(2 pi v)) / 2, averaged over the scored samples and signals.
 
     Args:
-        mean: (*batch, T, D).
+        mean: (*batch, T, D), in the signals' unit.
         variance: (*batch, T, D), predictive variance plus representation residual, units of the signals squared.
-        truth: (*batch, T, D).
+        truth: (*batch, T, D), what really followed.
         mask: (*batch, T, D) or (*batch, T), True where a sample is scored.
 
     Raises:
@@ -119,10 +137,10 @@ def gaussian_mixture_nll(
     """As `nll`, for a mixture: -log sum_j w_j N(y | m_j, v_j) per scalar sample, averaged over the scored ones.
 
     Args:
-        means: (*batch, J, T, D).
-        variances: (*batch, J, T, D), with the representation residual.
+        means: (*batch, J, T, D), in the signals' unit.
+        variances: (*batch, J, T, D), unit squared, with the representation residual.
         log_weight: (*batch, J), up to a constant; minus infinity leaves a component out.
-        truth: (*batch, T, D).
+        truth: (*batch, T, D), what really followed.
         mask: (*batch, T, D) or (*batch, T), True where a sample is scored.
 
     Raises:
@@ -168,9 +186,9 @@ def mahalanobis(
     d^2 / n = (y - m)^T C^-1 (y - m) / n, with variance 2 / n if the truth is a draw from N(m, C).
 
     Args:
-        mean: (*batch, entries), e.g. a flattened motion or weights.
-        covariance: (*batch, entries, entries), of full rank: a motion's needs its representation residual.
-        truth: (*batch, entries).
+        mean: (*batch, entries), e.g. a flattened motion or weights, in their own unit.
+        covariance: (*batch, entries, entries), unit squared, full rank: a motion needs its representation residual.
+        truth: (*batch, entries), same unit.
         mask: (*batch, entries), entries that are scored (the others are marginalised); default all.
 
     Raises:

@@ -28,8 +28,8 @@ def coverage(
 
     Args:
         lower: (*batch, T, D), in the signals' unit.
-        upper: (*batch, T, D).
-        truth: (*batch, T, D).
+        upper: (*batch, T, D), same unit.
+        truth: (*batch, T, D), same unit.
         mask: (*batch, T, D) or (*batch, T), True where a sample is scored.
 
     Raises:
@@ -84,7 +84,7 @@ def pit(
     Args:
         mean: any shape, in the signals' unit.
         variance: same shape, unit squared.
-        truth: same shape.
+        truth: same shape, in the signals' unit.
 
     Raises:
         InputError: a negative variance.
@@ -107,10 +107,10 @@ def mixture_pit(
     """As `pit`, for a mixture: sum_j w_j Phi((y - m_j) / s_j). Equals `pit` for J = 1.
 
     Args:
-        means: (*batch, J, T, D).
-        variances: (*batch, J, T, D).
+        means: (*batch, J, T, D), in the signals' unit.
+        variances: (*batch, J, T, D), unit squared.
         log_weight: (*batch, J), up to a constant.
-        truth: (*batch, T, D).
+        truth: (*batch, T, D), in the signals' unit.
 
     Raises:
         InputError: a negative variance, or weights of which none is finite.
@@ -171,6 +171,15 @@ def mixture_interval(
     level: float,
 ) -> tuple[Float[Tensor, "*batch time signals"], Float[Tensor, "*batch time signals"]]:
     """Central interval (lower, upper) of each sample's mixture that holds the fraction `level`; see `mixture_quantile`.
+
+    Args:
+        means: (*batch, J, T, D), in the signals' unit.
+        variances: (*batch, J, T, D), unit squared.
+        log_weight: (*batch, J), up to a constant.
+        level: between 0 and 1, exclusive.
+
+    Raises:
+        InputError: a negative variance, weights of which none is finite, or a level outside (0, 1).
 
     Example:
         >>> means = torch.tensor([[[1.0]], [[5.0]]])

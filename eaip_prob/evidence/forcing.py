@@ -34,6 +34,15 @@ class ForcingEvidence(AbstractEvidence):
 
     Raises:
         InputError: another word for `noise`, or `propagated` without a positive position noise.
+
+    Example:
+        A hand that rests at 2 is held there by the spring's force alone, alpha_y beta_y 2.
+
+        >>> dmp, resting = DMP(), Trajectory(time=[0.0, 0.1, 0.2], values=[[2.0], [2.0], [2.0]])
+        >>> one = torch.ones(1, dtype=torch.float64)
+        >>> forces = ForcingEvidence().observe(dmp, "human", resting, resting.time[None], one, noise=one)
+        >>> bool(torch.isclose(forces.value, dmp.alpha_y * dmp.beta_y * resting.values.mT).all())
+        True
     """
 
     noise: str = "white"

@@ -18,7 +18,16 @@ from eaip_prob.primitives.base import AbstractPrimitive, Boundary
 
 @dataclass(frozen=True)
 class PositionEvidence(AbstractEvidence):
-    """y(t) = design(phase(t)) @ w + offset + noise, of variance sigma^2 plus the sensor's, where it is known."""
+    """y(t) = design(phase(t)) @ w + offset + noise, of variance sigma^2 plus the sensor's, where it is known.
+
+    Example:
+        >>> from eaip_prob.primitives.promp import ProMP
+        >>> seen = Trajectory(time=[0.0, 0.1], values=[[0.0], [0.3]], noise=torch.full((2, 1, 1), 9.0))
+        >>> one = torch.ones(1, dtype=torch.float64)
+        >>> rows = PositionEvidence().observe(ProMP(), "human", seen, seen.time[None], one, noise=4.0 * one).dense()
+        >>> rows.value.tolist(), rows.noise.tolist()
+        ([[0.0, 0.3]], [[25.0, 25.0]])
+    """
 
     def scale(
         self, primitive: AbstractPrimitive, trajectory: Trajectory, phase: Float[Tensor, "*#batch time"]

@@ -27,7 +27,17 @@ DOTS_PER_INCH = 150
 
 @dataclass(frozen=True)
 class MethodStyle:
-    """How the lines of one method look."""
+    """How the lines of one method look.
+
+    Args:
+        color: as `#0072B2`, so that `rgb` reads it.
+        marker: a word of matplotlib, such as "o".
+        line: a word of matplotlib, such as "--"; default a solid line.
+
+    Example:
+        >>> MethodStyle("#0072B2", "o").line
+        '-'
+    """
 
     color: str
     marker: str
@@ -62,6 +72,9 @@ _SPARE_STYLES = tuple(
 def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
     """The style of each method; other names take spare styles in their order.
 
+    Args:
+        methods: names, such as those in `METHOD_STYLES`; repeated ones count once.
+
     Raises:
         InputError: more other names than spare styles.
 
@@ -82,6 +95,9 @@ def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
 
 def rgb(color: str) -> tuple[int, int, int]:
     """(red, green, blue), 0..255, of a colour such as `#0072B2`, for what takes no such words.
+
+    Args:
+        color: `#` and two hexadecimal digits each of red, green and blue.
 
     Example:
         >>> rgb("#0072B2")
@@ -147,6 +163,9 @@ def save_figure(figure: Figure, folder: str | Path, name: str) -> Path:
 
 def outside_legend(figure: Figure) -> None:
     """One legend for all panels of a figure, to the right of them; each label once.
+
+    Args:
+        figure: from `new_figure`, with labelled lines; the legend is added to it.
 
     Example:
         >>> figure, (ax,) = new_figure()

@@ -29,6 +29,15 @@ class ElapsedClock(AbstractPhaseEstimator):
 
     Raises:
         InputError: a duration that is not positive and finite.
+
+    Example:
+        The geometric mean of 1 s and 4 s is 2 s.
+
+        >>> from eaip_prob.data.demonstrations import Demonstration
+        >>> reaches = [Trajectory(time=[0.0, end], values=[[0.0], [1.0]]) for end in (1.0, 4.0)]
+        >>> clock = ElapsedClock().fit(DemonstrationSet([Demonstration(human=reach) for reach in reaches]), "human")
+        >>> round(clock.duration, 6), round(clock.limit, 6)
+        (2.0, 2.0)
     """
 
     duration: float | None = None
@@ -60,6 +69,11 @@ class KnownPhase(AbstractPhaseEstimator):
     """Each motion's own duration, which nobody knows online: for studies.
 
     A prediction is given `phase=known_phase(observed, duration)`.
+
+    Example:
+        >>> reach = Trajectory(time=[3.0, 4.0, 5.0], values=[[0.0], [0.5], [1.0]])
+        >>> KnownPhase().encoding(reach).paths.tolist()
+        [[0.0, 0.5, 1.0]]
     """
 
     needs_duration: ClassVar[bool] = True

@@ -28,6 +28,10 @@ class Boundary:
     Args:
         start: (*batch, D), position at phase 0.
         velocity: (*batch, D), units per second at phase 0.
+
+    Example:
+        >>> Boundary(start=[0.1, 0.2], velocity=[0.0, 0.0]).start
+        tensor([0.1000, 0.2000], dtype=torch.float64)
     """
 
     start: Float[Tensor, "*batch signals"]
@@ -44,6 +48,9 @@ class AbstractPrimitive(ABC):
 
     A subclass gives `num_weights`, `rows` and `encode`; in return it gets `design`, `decode`, `velocity`, and
     works with every evidence, clock and joint model.
+
+    Args:
+        limit: last phase that the bases span, dimensionless; behind it the goal is held.
     """
 
     limit: float
@@ -178,8 +185,17 @@ def initial_boundary(trajectory: Trajectory, num_samples: int = 5) -> Boundary:
     (a difference of two samples would carry the sensor's noise undamped). A signal never seen starts at 0, at rest.
 
     Args:
-        trajectory: batched.
+        trajectory: values (*batch, T, D).
         num_samples: samples of the slope, fewer where fewer were seen.
+
+    Returns:
+        (*batch, D) start, in the signals' units, and velocity, in units per second.
+
+    Example:
+        >>> reach = Trajectory(time=[0.0, 0.5, 1.0], values=[[3.0], [4.0], [5.0]])
+        >>> boundary = initial_boundary(reach)
+        >>> boundary.start.tolist(), boundary.velocity.tolist()
+        ([3.0], [2.0])
     """
     mask = trajectory.mask
     order = mask.cumsum(-2)

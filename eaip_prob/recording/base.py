@@ -245,11 +245,11 @@ class AbstractRunLogger(ABC):
         Args:
             entity: whose motion is predicted, such as `robot`.
             time: (T,), seconds, strictly increasing, on the clock of `at`.
-            mean: (T, D).
+            mean: (T, D), in the signals' units.
             names: D names of the signals.
             at: when the prediction was made.
             lower: (T, D), lower bound of an interval, or None together with `upper`.
-            upper: (T, D).
+            upper: (T, D), upper bound.
             samples: (N, T, D), drawn from the posterior.
             observed: (samples seen, 2 or 3), the partner's motion so far.
             curves: whether to add the fan; switch it off where predictions follow each other closely.
