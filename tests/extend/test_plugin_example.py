@@ -100,12 +100,15 @@ def package(tmp_path):
 
 @pytest.mark.slow
 def test_the_example_is_in_the_tables_of_passing_over(site, tmp_path):
-    done = script(site, "model=robust", f"run_dir={tmp_path / 'run'}", *TINY)
+    further = ["+model@models.eaip_robust=robust", "models.eaip_robust.tail=2"]
+    done = script(site, "model=robust", *further, f"run_dir={tmp_path / 'run'}", *TINY)
     assert done.returncode == 0, done.stderr[-2000:]
-    assert "| eaip " in done.stdout
+    assert "| eaip " in done.stdout and "| eaip_robust " in done.stdout
     assert "_target_: eaip_prob_robust.RobustJointModel" in (tmp_path / "run" / "config.yaml").read_text()
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
-    assert metrics["rmse/both/eaip/100"] < 0.6 * metrics["rmse/both/mean/100"]
+    for method in ("eaip", "eaip_robust"):
+        assert metrics[f"rmse/both/{method}/100"] < 0.6 * metrics["rmse/both/mean/100"]
+    assert metrics["rmse/both/eaip/100"] != metrics["rmse/both/eaip_robust/100"]
 
 
 @pytest.mark.slow
