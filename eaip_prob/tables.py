@@ -50,7 +50,8 @@ def _cell(value: Any, digits: int) -> str:
     if value is None:
         return ""
     if isinstance(value, Real) and not isinstance(value, (bool, int)):
-        return f"{float(value):.{digits}g}"
+        text = f"{float(value):.{digits}g}"
+        return f"{float(value):.0f}" if "e+" in text and abs(value) < 10 ** (2 * digits) else text
     return _escaped(str(value))
 
 

@@ -41,3 +41,10 @@ def test_unknown_column_is_refused() -> None:
         text_table([{"a": 1}], columns=["b"])
     with pytest.raises(InputError, match="at least one"):
         text_table([])
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"), [(10213.4, "10213"), (-99999.6, "-100000"), (9999.4, "9999"), (1e12, "1e+12"), (1e-7, "1e-07")]
+)
+def test_large_numbers_are_written_out(value, shown):
+    assert text_table([{"dtw": value}]).splitlines()[-1].strip("| ") == shown
