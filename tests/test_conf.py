@@ -21,6 +21,9 @@ PLACES = {
     "predictor": ("handover", "predictor@paper", "paper"),
     "recording": ("handover", "recording", "recording"),
     "task": ("passing_over", "task", "task"),
+    "object": ("kinects", "object@workspace.thing", "workspace.thing"),
+    "objects": ("kinects", "+objects", "objects"),
+    **{group: ("kinects", group, group) for group in ("camera", "kinect_noise", "rig", "tracker", "workspace")},
 }
 OPEN = {"features/distance": ["predictor.features.offsets=[x,y]"]}
 FURTHER = {"recording/rerun": {"application_id": "a", "recording_id": "b"}}
@@ -50,13 +53,16 @@ def test_an_option_is_built(name, tmp_path):
     group, option = name.rsplit("/", 1)
     primary, override, key = PLACES.get(group, ("handover", group, f"predictor.{group}"))
     part = OmegaConf.select(compose(primary, f"{override}={option}", *OPEN.get(name, ())), key)
-    if part is None or "_target_" not in part:  # a list of candidates
-        assert [build(candidate) for candidate in part or ()] or option == "chosen"
+    if part is None or "_target_" not in part:  # several
+        several = part.values() if OmegaConf.is_dict(part) else part or ()
+        assert [build(candidate) for candidate in several] or option == "chosen"
         return
     further = {"path": tmp_path / "a.rrd", **FURTHER[name]} if name in FURTHER else {}
     target = build(part, **further)
     written = yaml.safe_load((conf_dir() / f"{name}.yaml").read_text())
-    assert f"{type(target).__module__}.{type(target).__qualname__}".startswith(written["_target_"].rsplit(".", 1)[0])
+    assert f"{type(target).__module__}.{type(target).__qualname__}".startswith(
+        written.get("_target_", part._target_).rsplit(".", 1)[0]
+    )
     unknown = {argument for argument in written if argument not in ("_target_", "_partial_", "defaults")} - set(
         inspect.signature(type(target)).parameters
     )

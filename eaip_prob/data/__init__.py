@@ -4,6 +4,7 @@ from eaip_prob.data.demonstrations import AGENTS, Demonstration, DemonstrationSe
 from eaip_prob.data.environment import EnvironmentFeatures, stack_environments
 from eaip_prob.data.feature_map import AbstractFeatureMap
 from eaip_prob.data.features import DistanceFeatures, QuadraticFeatures, RawFeatures
+from eaip_prob.data.frames import Intrinsics, RGBDFrame
 from eaip_prob.data.handover import read_handover
 from eaip_prob.data.reach_to_grasp import read_reach_to_grasp
 from eaip_prob.data.resampling import held, resample, resampled_at_rate, time_normalised
@@ -17,7 +18,9 @@ __all__ = [
     "DemonstrationSet",
     "DistanceFeatures",
     "EnvironmentFeatures",
+    "Intrinsics",
     "QuadraticFeatures",
+    "RGBDFrame",
     "RawFeatures",
     "Trajectory",
     "held",
