@@ -1,13 +1,13 @@
 r"""The centre of a glove from the side of it that cameras see.
 
 A glove is taken for a sphere of known radius. The points that a camera measures lie on the side towards it: weighted
-by their pixels their mean is $2r/3$ from the centre towards the camera, because the height of a half-sphere over its
-disc, $\sqrt{r^2 - \rho^2}$, is $2r/3$ on average. That holds where the whole disc is seen; without its rim, which a
+by their pixels their mean is 2r/3 from the centre towards the camera, because the height of a half-sphere over its
+disc, sqrt(r^2 - d^2), is 2r/3 on average. That holds where the whole disc is seen; without its rim, which a
 mask loses, the mean comes out some millimetres off. The fit of a sphere holds also where a part is hidden: it gives the
 centre, and the mean is where it starts.
 
-Letters: $r$ radius, $\rho$ distance from the line of sight through the centre, $c$ centre, $p_i$ points, $n_i$
-direction from $c$ to $p_i$.
+Letters: r radius, d distance from the line of sight through the centre, c centre, p_i points, n_i direction from c to
+p_i, v_i line of sight.
 """
 
 from __future__ import annotations
@@ -97,9 +97,12 @@ def fit_sphere(
 ) -> SphereFit:
     r"""Centre that lays a sphere on points, by weighted least squares with Huber's weights.
 
-    Minimises $\sum_i w_i (|p_i - c| - r)^2$ with $1/w_i = (n_i \cdot v_i)^2 \sigma_i^2 + (1 - (n_i \cdot v_i)^2)
-    \sigma_l^2$ along the line of sight $v_i$ and across it. The covariance is that of the estimate, larger by the
-    spread that was found where that exceeds the sensor's, plus what an error of the radius does to the centre.
+    Minimises::
+
+        sum_i w_i (norm(p_i - c) - r)^2,    1 / w_i = (n_i . v_i)^2 sigma_i^2 + (1 - (n_i . v_i)^2) sigma_lateral^2
+
+    with the sensor's variance along the line of sight and across it. The covariance is that of the estimate, larger by
+    the spread that was found where that exceeds the sensor's, plus what an error of the radius does to the centre.
 
     Args:
         points: (N, 3), m; at least three.

@@ -1,7 +1,7 @@
 r"""A point in space that moves with nearly constant velocity, followed by a Kalman filter.
 
-State: (position, velocity), six numbers, m and m/s. Letters: $P$ covariance of the state, $R$ of a measured position,
-$S = H P H^\top + R$ of the innovation, $K = P H^\top S^{-1}$ the gain, $q$ spectral density of the acceleration.
+State: (position, velocity), six numbers, m and m/s. Letters: P covariance of the state, R of a measured position,
+S = H P H^T + R of the innovation, K = P H^T S^-1 the gain, q spectral density of the acceleration.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def predict(
 ) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:
     r"""(mean, covariance) a while later, under white acceleration.
 
-    $F = [[I, \Delta I], [0, I]]$, $Q = q\,[[\Delta^3/3, \Delta^2/2], [\Delta^2/2, \Delta]] \otimes I$
+    F = [[I, D I], [0, I]], Q = q [[D^3 / 3 I, D^2 / 2 I], [D^2 / 2 I, D I]] with D the step
     (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 6.2.2).
 
     Args:
@@ -72,7 +72,7 @@ def update(
     position: Float[np.ndarray, "3"],
     noise: Float[np.ndarray, "3 3"],
 ) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:
-    r"""(mean, covariance) once a position was measured; $P' = (I - KH) P (I - KH)^\top + K R K^\top$ (Joseph).
+    """(mean, covariance) once a position was measured; (I - K H) P (I - K H)^T + K R K^T (Joseph).
 
     Args:
         mean: (6,), m and m/s.
@@ -100,7 +100,7 @@ def negative_log_likelihood(
     position: Float[np.ndarray, "3"],
     noise: Float[np.ndarray, "3 3"],
 ) -> float:
-    r"""$d^\top S^{-1} d + \log |S|$ of a measured position; the constant is left out.
+    """d^T S^-1 d + log det S of a measured position, d its innovation; the constant is left out.
 
     Args:
         mean: (6,), m and m/s.
