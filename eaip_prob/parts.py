@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from eaip_prob.errors import DataFileError, InputError
-from eaip_prob.run_folder import flat_metrics, write_text
+from eaip_prob.files import write_text
+from eaip_prob.run_folder import flat_metrics
 
 FOLDER = "parts"
 

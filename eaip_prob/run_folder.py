@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from eaip_prob.errors import EaipError, InputError
+from eaip_prob.files import write_text
 
 METRICS, CONFIG, ENVIRONMENT, ERROR = "metrics.json", "config.yaml", "environment.json", "error.txt"
 
@@ -126,13 +126,3 @@ def _number(name: str, value: Any) -> float:
             f"Expected one finite number as metric {name!r}, got {value!r}. Leave the key out where it has no value."
         )
     return number
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes a file in one step: a reader, or a process that was stopped, sees all of it or nothing."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -26,8 +26,8 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     from eaip_prob import reports
     from eaip_prob.config import build
     from eaip_prob.errors import InputError
+    from eaip_prob.files import write_text
     from eaip_prob.reports import charts
-    from eaip_prob.run_folder import write_text
 
     if OmegaConf.is_missing(cfg, "runs"):
         raise InputError("Expected runs, the folder of a sweep or of one run, got none. Name it: runs=FOLDER.")

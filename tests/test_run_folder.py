@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from eaip_prob.errors import InputError
-from eaip_prob.run_folder import RunFolder, flat_metrics, write_text
+from eaip_prob.files import write_text
+from eaip_prob.run_folder import RunFolder, flat_metrics
 
 
 def test_a_folder_is_finished_by_its_metrics(tmp_path):

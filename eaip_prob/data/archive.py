@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
-import secrets
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -13,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eaip_prob.errors import DataFileError, InputError, MissingDataError
+from eaip_prob.errors import DataFileError, MissingDataError
+from eaip_prob.files import make_folder_of, replacing
 
 _ADVICE = "data_dir to the folder that holds it"
 NUMBERS, INTEGERS, BOOLEANS, STRINGS = "fiu", "iu", "b", "U"
@@ -115,16 +114,7 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray]) -> Path:
     Raises:
         InputError: the path is a folder, or lies under a file.
     """
-    if path.is_dir() or any(parent.is_file() for parent in path.parents):
-        raise InputError(f"Expected the path of a file in a folder, got {path}, a folder or a path under a file.")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    try:
-        with temporary.open("xb") as file:
-            np.savez(file, **dict(arrays))  # pyright: ignore[reportArgumentType]  # the stub types allow_pickle alone
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    make_folder_of(path)
+    with replacing(path) as file:
+        np.savez(file, **dict(arrays))  # pyright: ignore[reportArgumentType]  # the stub types allow_pickle alone
     return path

@@ -7,7 +7,7 @@ Letters: H, W rows and columns of an image.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
@@ -102,12 +102,31 @@ class Intrinsics:
         """Largest distance from the axis, hypot(x, y) / z, that the lens images; infinite for most."""
         return fold_radius(self.distortion)
 
-    @cached_property
+    @property
     def rays(self) -> Float[np.ndarray, "height width 2"]:
-        """(x / z, y / z) seen by every pixel, without unit; NaN where the distortion has no inverse."""
-        columns, rows = np.meshgrid(np.arange(self.width, dtype=float), np.arange(self.height, dtype=float))
-        points = self.unproject(np.stack([columns, rows], -1), np.ones((self.height, self.width)))
-        return np.ascontiguousarray(points[..., :2])
+        """(x / z, y / z) seen by every pixel, without unit, read-only; NaN where the distortion has no inverse."""
+        return pixel_rays(self)
+
+
+@lru_cache(maxsize=16)
+def pixel_rays(camera: Intrinsics, stride: int = 1) -> Float[np.ndarray, "height width 2"]:
+    """`Intrinsics.rays` of every `stride`-th row and column.
+
+    Kept by value, not by object: a driver may make its intrinsics anew for every frame.
+
+    Args:
+        camera: whose pixels.
+        stride: px.
+
+    Example:
+        >>> pixel_rays(Intrinsics(4, 3, 4.0, 4.0, 1.5, 1.0), stride=2)[0].tolist()
+        [[-0.375, -0.25], [0.125, -0.25]]
+    """
+    grid = np.meshgrid(np.arange(0.0, camera.width, stride), np.arange(0.0, camera.height, stride))
+    pixels = np.stack(grid, -1)
+    rays = np.ascontiguousarray(camera.unproject(pixels, np.ones(pixels.shape[:2]))[..., :2])
+    rays.setflags(write=False)
+    return rays
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +193,23 @@ class RGBDFrame:
         depth = self.depth[self.valid].astype(float)
         local = np.column_stack([self.intrinsics.rays[self.valid] * depth[:, None], depth])
         return local @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3]
+
+
+def inverse(transform: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+    """The inverse of a rigid motion.
+
+    Args:
+        transform: (4, 4), homogeneous.
+
+    Example:
+        >>> moved = np.eye(4)
+        >>> moved[0, 3] = 0.5
+        >>> inverse(moved)[0].tolist()
+        [1.0, 0.0, 0.0, -0.5]
+    """
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = transform[:3, :3].T, -transform[:3, :3].T @ transform[:3, 3] + 0.0
+    return result
 
 
 def check_transform(name: str, transform: Float[np.ndarray, "4 4"]) -> None:

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eaip_prob.data.frames import Intrinsics
+from eaip_prob.data.frames import Intrinsics, inverse
 from eaip_prob.errors import InputError
 from eaip_prob.perception.board import BoardCorners, CharucoBoard, board_pose
-from eaip_prob.perception.extrinsics import inverse
 
 # On rendered boards of 0.07 m squares at 2 m, corners are off by 0.04 px (root mean square) up to 40 degrees, 0.1 px at
 # 50 to 60, 0.2 to 0.7 px from 66 on.

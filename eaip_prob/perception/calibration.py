@@ -17,13 +17,13 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from eaip_prob.data.frames import Intrinsics, check_transform
+from eaip_prob.data.frames import Intrinsics, check_transform, inverse
 from eaip_prob.errors import InputError, ShapeError
 from eaip_prob.linalg import psd_solve, safe_cholesky, triangular_solve
 from eaip_prob.perception._bundle import Bundle, cross_matrix, left_jacobian
 from eaip_prob.perception.board import CharucoBoard
 from eaip_prob.perception.board_view import BoardView, first_guess, posed_views
-from eaip_prob.perception.extrinsics import Extrinsics, check_covariance, inverse
+from eaip_prob.perception.extrinsics import Extrinsics, check_covariance
 
 _PIXEL_STD = 0.1  # px; corners of rendered boards scatter by 0.05 px, which leaves as much for the lens
 _OUTLIER = 5.0  # standard deviations, beyond which a residual pulls no harder

@@ -7,8 +7,6 @@ the check sum out.
 from __future__ import annotations
 
 import json
-import os
-import secrets
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from eaip_prob.errors import DataFileError, InputError, MissingDataError
+from eaip_prob.files import make_folder_of, write_text
 from eaip_prob.perception.extrinsics import Extrinsics
 
 _KIND = "eaip_prob camera extrinsics"
@@ -45,20 +44,10 @@ def save_extrinsics(path: str | Path, extrinsics: Mapping[str, Extrinsics]) -> P
     path = Path(path)
     if not extrinsics:
         raise InputError("Expected the extrinsics of at least one camera, got none. Calibrate first.")
-    if path.is_dir() or any(parent.is_file() for parent in path.parents):
-        raise InputError(f"Expected the path of a file in a folder, got {path}, a folder or a path under a file.")
     cameras = {name: _as_json(one) for name, one in extrinsics.items()}
     content = {"kind": _KIND, "version": _VERSION, "units": "m, rad, px", "cameras": cameras}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    try:
-        with temporary.open("x", encoding="utf-8") as file:
-            json.dump(content | {"checksum": _checksum(content)}, file, indent=1)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    make_folder_of(path)
+    write_text(path, json.dumps(content | {"checksum": _checksum(content)}, indent=1))
     return path
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from eaip_prob.data.frames import check_transform
+from eaip_prob.data.frames import check_transform, inverse
 from eaip_prob.errors import InputError, ShapeError
 
 
@@ -114,23 +114,6 @@ def workspace_error(
         position = max(position, float(np.sqrt(np.mean(np.sum(gaps**2, axis=1)))))
         rotation = max(rotation, float(Rotation.from_matrix(change[:3, :3]).magnitude()))
     return PoseError(position, rotation)
-
-
-def inverse(transform: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
-    """The inverse of a rigid motion.
-
-    Args:
-        transform: (4, 4), homogeneous.
-
-    Example:
-        >>> moved = np.eye(4)
-        >>> moved[0, 3] = 0.5
-        >>> inverse(moved)[0].tolist()
-        [1.0, 0.0, 0.0, -0.5]
-    """
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = transform[:3, :3].T, -transform[:3, :3].T @ transform[:3, 3]
-    return result
 
 
 def check_covariance(name: str, covariance: Float[np.ndarray, "6 6"]) -> None:

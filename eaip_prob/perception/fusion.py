@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from eaip_prob.data.frames import Intrinsics, RGBDFrame
+from eaip_prob.data.frames import RGBDFrame
 from eaip_prob.errors import InputError, ShapeError
 from eaip_prob.perception._fusing import HALF, crop_points, merge_voxels
 from eaip_prob.perception.glove_offset import depth_sigma
@@ -100,11 +99,6 @@ def fuse(frames: Sequence[RGBDFrame], crop: Crop | None = None, voxel: float = 0
     return _merged(points, colors, seen, weight, voxel)
 
 
-@lru_cache(maxsize=16)
-def _rays(camera: Intrinsics) -> np.ndarray:
-    return camera.rays
-
-
 def _bounds(crop: Crop | None) -> np.ndarray:
     bounds = np.array([(-np.inf, np.inf)] * 3 if crop is None else crop, dtype=float)
     if bounds.shape != (3, 2) or not (bounds[:, 0] < bounds[:, 1]).all():
@@ -117,7 +111,7 @@ def _cropped(frame: RGBDFrame, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarr
     points, places = np.empty((frame.depth.size + 1, 3)), np.empty(frame.depth.size, np.int64)
     depth, valid = np.ascontiguousarray(frame.depth), np.ascontiguousarray(frame.valid)
     pose = np.ascontiguousarray(frame.T_world_camera[:3], dtype=float)
-    count = crop_points(depth, valid, _rays(frame.intrinsics), pose, bounds, points, places)
+    count = crop_points(depth, valid, frame.intrinsics.rays, pose, bounds, points, places)
     color, seen = depth_colors(frame)
     at = places[:count]
     weight = 1.0 / depth_sigma(depth.reshape(-1)[at].astype(float)) ** 2

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from eaip_prob.data.frames import Intrinsics, RGBDFrame
+from eaip_prob.data.frames import RGBDFrame, pixel_rays
 from eaip_prob.errors import InputError
 from eaip_prob.perception.glove_offset import depth_sigma
 
@@ -162,16 +161,6 @@ def _boxes(mask: np.ndarray, largest: float) -> list[np.ndarray]:
     return [stats[i, :4] for i in range(1, count) if stats[i, 2:4].max() <= largest]
 
 
-@lru_cache(maxsize=16)
-def _rays(camera: Intrinsics, stride: int = 1) -> np.ndarray:
-    """Cached by value, not by object: a driver may make its intrinsics anew for every frame."""
-    if stride == 1:
-        return camera.rays
-    grid = np.meshgrid(np.arange(0.0, camera.width, stride), np.arange(0.0, camera.height, stride))
-    pixels = np.stack(grid, -1)
-    return camera.unproject(pixels, np.ones(pixels.shape[:2]))[..., :2]
-
-
 def _in_box(frame: RGBDFrame, mask: np.ndarray, box: np.ndarray, stride: int) -> np.ndarray:
     """Flat places in the depth image that show what the mask has in a box."""
     assert frame.color_intrinsics is not None and frame.T_color_depth is not None
@@ -180,7 +169,7 @@ def _in_box(frame: RGBDFrame, mask: np.ndarray, box: np.ndarray, stride: int) ->
     if not valid.any():
         return np.zeros(0, dtype=int)
     z = depth[valid].astype(float)
-    local = np.column_stack([_rays(frame.intrinsics)[rows, columns][valid] * z[:, None], z])
+    local = np.column_stack([frame.intrinsics.rays[rows, columns][valid] * z[:, None], z])
     seen = local @ frame.T_color_depth[:3, :3].T + frame.T_color_depth[:3, 3]
     pixel = frame.color_intrinsics.project(seen) / stride - (box[:2] - 1.0)
     near = np.all((pixel > -0.5) & (pixel < box[2:] + 1.5), axis=1)
@@ -203,7 +192,7 @@ def _depth_window(frame: RGBDFrame, box: np.ndarray, stride: int) -> tuple[slice
     """Rows and columns of the depth image that may show a box of the mask, whatever its distance."""
     assert frame.color_intrinsics is not None and frame.T_color_depth is not None
     left, top, width, height = box
-    corners = _rays(frame.color_intrinsics, stride)[[top, top, top + height - 1, top + height - 1]][
+    corners = pixel_rays(frame.color_intrinsics, stride)[[top, top, top + height - 1, top + height - 1]][
         [0, 1, 2, 3], [left, left + width - 1, left, left + width - 1]
     ]
     corners = np.column_stack([corners, np.ones(4)])
@@ -218,7 +207,7 @@ def _depth_window(frame: RGBDFrame, box: np.ndarray, stride: int) -> tuple[slice
 
 def _points(frame: RGBDFrame, rows: np.ndarray, columns: np.ndarray) -> GlovePoints:
     z = frame.depth[rows, columns].astype(float)
-    rays = np.column_stack([_rays(frame.intrinsics)[rows, columns], np.ones(len(z))])
+    rays = np.column_stack([frame.intrinsics.rays[rows, columns], np.ones(len(z))])
     turn = frame.T_world_camera[:3, :3]
     views = rays @ turn.T
     points = views * z[:, None] + frame.T_world_camera[:3, 3]

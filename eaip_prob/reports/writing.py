@@ -8,11 +8,11 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from eaip_prob.files import replacing
 from eaip_prob.reports.reading import Run
 from eaip_prob.reports.statistics import Row, Section, SeedInterval
 
@@ -161,9 +161,5 @@ def _typed(name: str, column: Iterable[Any]) -> tuple[list[Any], str]:
 def _written(path: Path, write: Callable[[io.BytesIO], object]) -> None:
     sink = io.BytesIO()
     write(sink)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_bytes(sink.getvalue())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with replacing(path) as file:
+        file.write(sink.getvalue())

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from eaip_prob.data.frames import MAX_DEPTH, Intrinsics, RGBDFrame
+from eaip_prob.data.frames import MAX_DEPTH, Intrinsics, RGBDFrame, inverse
 from eaip_prob.errors import InputError, ShapeError
 from eaip_prob.simulation.render import Labels, Lighting, View, render_color, render_depth
 from eaip_prob.simulation.scene import Scene
@@ -50,12 +50,12 @@ class KinectModel:
             if np.shape(getattr(self, name)) != (3,):
                 raise ShapeError(f"Expected {name} with shape (3,), got {np.shape(getattr(self, name))}.")
 
-    @property
+    @cached_property
     def color_camera(self) -> Intrinsics:
         """The colour camera at the resolution used."""
         return self.color if self.color_size is None else self.color.scaled(*self.color_size)
 
-    @property
+    @cached_property
     def T_color_depth(self) -> Float[np.ndarray, "4 4"]:  # noqa: N802  # the name of the frame's field
         """Maps coordinates of the depth camera into those of the colour camera."""
         from scipy.spatial.transform import Rotation
@@ -94,10 +94,7 @@ class Kinect:
     @cached_property
     def color_view(self) -> View:
         """The colour camera in its place."""
-        T_color_depth, T_depth_color = self.model.T_color_depth, np.eye(4)
-        T_depth_color[:3, :3] = T_color_depth[:3, :3].T
-        T_depth_color[:3, 3] = -T_color_depth[:3, :3].T @ T_color_depth[:3, 3] + 0.0
-        return View(self.model.color_camera, self.T_world_camera @ T_depth_color)
+        return View(self.model.color_camera, self.T_world_camera @ inverse(self.model.T_color_depth))
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     import numpy as np
     from _core_jobs import jobs
 
-    from eaip_prob.run_folder import write_text
+    from eaip_prob.files import write_text
     from eaip_prob.tables import text_table
 
     pairs = jobs(cfg.seed)

@@ -11,7 +11,6 @@ import pytest
 import torch
 
 from eaip_prob.data import Demonstration, DemonstrationSet, EnvironmentFeatures, Trajectory, load, save
-from eaip_prob.data import archive as archive_module
 from eaip_prob.errors import DataFileError, EaipError, InputError, MissingDataError
 
 NAMES = ("elbow x", "Ellbogen \u00fc", "nul\x00")
@@ -117,7 +116,7 @@ def test_failed_writing_keeps_what_was_there(tmp_path, monkeypatch, failing):
     def fail(*_):
         raise OSError("disk full")
 
-    monkeypatch.setattr(archive_module.os, failing, fail)
+    monkeypatch.setattr(os, failing, fail)
     with pytest.raises(OSError, match="disk full"):
         save(make(noise="all"), path)
     assert path.read_bytes() == before

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from eaip_prob.data.frames import Intrinsics
+from eaip_prob.data.frames import Intrinsics, inverse
 from eaip_prob.perception.board import BoardCorners, CharucoBoard
 from eaip_prob.perception.board_view import BoardView
-from eaip_prob.perception.extrinsics import inverse
 
 COLOR = Intrinsics(1920, 1080, 1060.7, 1058.6, 956.4, 519.0, (0.054, -0.068, 0.0, 0.0, 0.0))
 BOARD = CharucoBoard()

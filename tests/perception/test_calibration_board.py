@@ -8,11 +8,12 @@ import pytest
 from camera_rig import BOARD, CAMERAS, COLOR, WORKSPACE, board_poses, disturbed
 from scipy.spatial.transform import Rotation
 
+from eaip_prob.data.frames import inverse
 from eaip_prob.errors import InputError, ShapeError
 from eaip_prob.perception.board import BoardCorners, CharucoBoard, board_pose, detect_board
 from eaip_prob.perception.board_view import BoardView
 from eaip_prob.perception.calibration import calibrate
-from eaip_prob.perception.extrinsics import inverse, workspace_error
+from eaip_prob.perception.extrinsics import workspace_error
 from eaip_prob.simulation.board_image import board_image
 
 # a small image of a wide lens, in which 5 x 4 squares are as large as nine in a whole one
