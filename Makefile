@@ -41,8 +41,8 @@ lint: $(STAMP) ## check style, types and the direction of imports
 hooks: $(STAMP) ## check style at every commit from now on
 	@$(BIN)/pre-commit install
 
-bench: $(STAMP) ## time the core operations
-	@$(BIN)/python experiments/benchmarks/core.py
+bench: $(STAMP) ## time the core operations and perception
+	@for name in core perception; do $(BIN)/python experiments/benchmarks/$$name.py; done
 
 system:
 	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer is missing; install it, or name it: make PYTHON=/path/to/python3" >&2; exit 1; }

@@ -106,7 +106,7 @@ def _array(path: Path, name: str, raw: bytes) -> NDArray:
         raise DataFileError(f"Expected plain arrays in {path}, got {name!r} that is none ({error}). {hint}") from error
 
 
-def write_arrays(path: Path, arrays: Mapping[str, NDArray]) -> Path:
+def write_arrays(path: Path, arrays: Mapping[str, NDArray], compressed: bool = False) -> Path:
     """Writes a .npz file whole or not at all: a file of that name stays as it was if writing fails.
 
     Missing folders are made. The same arrays give the same bytes.
@@ -116,5 +116,5 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray]) -> Path:
     """
     make_folder_of(path)
     with replacing(path) as file:
-        np.savez(file, **dict(arrays))  # pyright: ignore[reportArgumentType]  # the stub types allow_pickle alone
+        (np.savez_compressed if compressed else np.savez)(file, **dict(arrays))  # pyright: ignore[reportArgumentType]  # the stub types allow_pickle alone
     return path

@@ -10,6 +10,8 @@ from eaip_prob.perception.fusion import PointCloud, clusters, from_open3d, fuse,
 from eaip_prob.perception.glove_mask import GloveColor
 from eaip_prob.perception.gloves import GloveTracker, GloveTracks
 from eaip_prob.perception.hands import AbstractHandTracker, HandState, hands_to_trajectory
+from eaip_prob.perception.lens_std import LensStd
+from eaip_prob.perception.posing import posed
 from eaip_prob.perception.registration import color_at, depth_colors, registered
 
 __all__ = [
@@ -23,6 +25,7 @@ __all__ = [
     "GloveTracker",
     "GloveTracks",
     "HandState",
+    "LensStd",
     "PointCloud",
     "PoseError",
     "calibrate",
@@ -36,6 +39,7 @@ __all__ = [
     "hands_to_trajectory",
     "inliers",
     "load_extrinsics",
+    "posed",
     "registered",
     "save_extrinsics",
     "to_open3d",

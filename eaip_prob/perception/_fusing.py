@@ -35,13 +35,13 @@ def crop_points(depth, valid, rays, pose, bounds, points, places):
 
 
 @njit(cache=True, nogil=True)
-def merge_voxels(points, colors, seen, weight, voxel, table, sums):
-    """Number of voxels; adds up in `sums` (N, 8), zeros: weighted x, y, z, weight, red, green, blue, coloured points.
+def merge_voxels(points, colors, seen, weight, voxel, table, sums, count):
+    """Number of voxels, `count` before; adds up in `sums` (N, 8) weighted x, y, z, weight, red, green, blue, number.
 
     `table` (a power of two, 2), all -1, is a hash table from a voxel's key to its row: eight sums lie together, since
     what this costs is memory that is not in the cache.
     """
-    count, row, before = 0, 0, np.int64(-1)
+    row, before = 0, np.int64(-1)
     shift = 64 - int(round(math.log2(len(table))))
     for i in range(len(points)):
         key = np.int64(0)

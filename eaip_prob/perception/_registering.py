@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 NOWHERE = -1.0e9
@@ -20,7 +19,7 @@ def project_window(depth, valid, rays, motion, lens, window, places, nearest, ce
 
     A point covers the four cells around it, so that a surface leaves no holes where pixels and cells beat.
     """
-    num_rows, num_columns = nearest.shape
+    per_cell = 1.0 / cell
     for row in range(window[0], window[1]):
         for column in range(window[2], window[3]):
             places[row, column, 0] = NOWHERE
@@ -30,26 +29,40 @@ def project_window(depth, valid, rays, motion, lens, window, places, nearest, ce
             places[row, column, 0] = u
             places[row, column, 1] = v
             places[row, column, 2] = z
-            if u == NOWHERE:
-                continue
-            left, top = math.floor((u + 0.5) / cell - 0.5), math.floor((v + 0.5) / cell - 0.5)
-            for i in range(max(top, 0), min(top + 2, num_rows)):
-                for j in range(max(left, 0), min(left + 2, num_columns)):
-                    nearest[i, j] = min(nearest[i, j], np.float32(z))
+            if u != NOWHERE:
+                _lower(
+                    nearest, int(math.floor((v + 0.5) * per_cell - 0.5)), int(math.floor((u + 0.5) * per_cell - 0.5)), z
+                )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _lower(nearest, top, left, z):
+    """Lowers the four cells from (top, left) on, those that are there, to z."""
+    num_rows, num_columns = nearest.shape
+    if 0 <= top < num_rows - 1 and 0 <= left < num_columns - 1:
+        nearest[top, left] = min(nearest[top, left], z)
+        nearest[top, left + 1] = min(nearest[top, left + 1], z)
+        nearest[top + 1, left] = min(nearest[top + 1, left], z)
+        nearest[top + 1, left + 1] = min(nearest[top + 1, left + 1], z)
+        return
+    for i in range(max(top, 0), min(top + 2, num_rows)):
+        for j in range(max(left, 0), min(left + 2, num_columns)):
+            nearest[i, j] = min(nearest[i, j], z)
 
 
 @njit(cache=True, nogil=True)
 def take_colors(pixels, places, nearest, cell, color, slack, least, colors, seen):
-    """Colours (P, 3) of pixels (P, 2) whose point no other lies before, by more than max(least, slack z^2)."""
+    """Colours (P, 3) of flat places (P,) whose point no other lies before, by more than max(least, slack z^2)."""
     height, width = color.shape[:2]
+    num_columns = places.shape[1]
     for index in range(len(pixels)):
-        column, row = pixels[index]
-        u, v, z = places[row, column]
+        u, v, z = places[pixels[index] // num_columns, pixels[index] % num_columns]
         if not (-0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5):
             continue
-        at_u, at_v = int(math.floor(u + 0.5)), int(math.floor(v + 0.5))
+        at_u, at_v = int(u + 0.5), int(v + 0.5)
         if z - nearest[at_v // cell, at_u // cell] <= max(least, slack * z * z):
-            colors[index] = color[at_v, at_u]
+            for channel in range(3):
+                colors[index, channel] = color[at_v, at_u, channel]
             seen[index] = True
 
 

@@ -3,6 +3,7 @@
 A pose of the board is known from the robot's joints, exactly or with a covariance. Each image alone gives the camera's
 pose; all images of all cameras together are then refined by bundle adjustment, in which uncertain poses of the boards
 are unknowns too: a board that several cameras saw ties them together, and the errors of many boards average out.
+So are lenses that are known roughly, each with a prior around its given intrinsics.
 
 The camera is the one that took the images. Of a Kinect's colour camera: T_world_depth = T_world_camera @ T_color_depth.
 """
@@ -10,11 +11,11 @@ The camera is the one that took the images. Of a Kinect's colour camera: T_world
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from eaip_prob.data.frames import Intrinsics, check_transform, inverse
@@ -24,9 +25,13 @@ from eaip_prob.perception._bundle import Bundle, cross_matrix, left_jacobian
 from eaip_prob.perception.board import CharucoBoard
 from eaip_prob.perception.board_view import BoardView, first_guess, posed_views
 from eaip_prob.perception.extrinsics import Extrinsics, check_covariance
+from eaip_prob.perception.lens_std import LensStd, with_lens
 
-_PIXEL_STD = 0.1  # px; corners of rendered boards scatter by 0.05 px, which leaves as much for the lens
+_PIXEL_STD = 0.1  # px; corners of most rendered boards scatter by 0.02 to 0.05 px, which leaves as much for the lens
 _OUTLIER = 5.0  # standard deviations, beyond which a residual pulls no harder
+_MOST_STEPS = 200
+_SMALL_STEP = 1e-6  # standard deviations of what is looked for
+_REWEIGHTINGS = 2  # times that views are weighted by how their corners scatter
 
 
 def calibrate(
@@ -37,11 +42,15 @@ def calibrate(
     pose_covariance: Float[np.ndarray, "6 6"] | None = None,
     pixel_std: float = _PIXEL_STD,
     min_boards: int = 3,
+    lens_std: LensStd | None = None,
 ) -> dict[str, Extrinsics]:
-    """Poses of all cameras, jointly refined; corners that fit badly are kept from pulling hard.
+    """Poses of all cameras, and their lenses, jointly refined; what fits badly is kept from pulling hard.
 
-    The covariance is that of corners with `pixel_std` and of the boards' poses, scaled up where residuals are larger
-    than that. It holds no error of the intrinsics.
+    Views whose corners scatter by more than `pixel_std` count less, as views of far and oblique boards do; single
+    corners that fit badly pull no harder than at five standard deviations.
+
+    The covariance is that of corners with `pixel_std`, of the boards' poses and of the lenses, scaled up where
+    residuals are larger than that. With `lens_std=None` it holds no error of the intrinsics.
 
     Args:
         views: of all cameras. Boards seen at more than 60 degrees from their normal are not used: their corners, which
@@ -51,11 +60,14 @@ def calibrate(
         board_poses: (B, 4, 4), T_world_board as the robot says.
         pose_covariance: (6, 6), of each pose's error: rotation vector (rad) and position (m) along the world's axes;
             None where poses are exact.
-        pixel_std: standard deviation of a corner's coordinate, px.
+        pixel_std: standard deviation of a corner's coordinate in a good view, px.
         min_boards: fewest boards a camera must have seen.
+        lens_std: how far each camera's given intrinsics may be from its true ones; they are then refined. None where
+            they are exact.
 
     Raises:
-        InputError: a camera that saw no or too few boards, a view of an unknown camera, board or corner.
+        InputError: a camera that saw no or too few boards, a view of an unknown camera, board or corner, or views that
+            lead to a lens that no camera has.
         ShapeError: poses of another shape.
 
     Example:
@@ -74,21 +86,52 @@ def calibrate(
     posed = posed_views(views, board, intrinsics, len(board_poses), min_boards)
     starts = {name: first_guess(some, board, intrinsics[name], board_poses) for name, some in posed.items()}
     by_camera = {name: [one.view for one in some] for name, some in posed.items()}
-    bundle = _bundle(by_camera, board, intrinsics, board_poses, pose_covariance, pixel_std)
-    start = bundle.start(np.array([_vector(inverse(pose)) for pose in starts.values()]))
-    solution = least_squares(
-        bundle.residuals,
-        start,
-        bundle.jacobian,  # pyright: ignore[reportArgumentType]  # a callable is allowed
-        loss="huber",
-        f_scale=_OUTLIER,
-        x_scale="jac",
-        xtol=1e-12,
-        ftol=1e-12,
-        max_nfev=200,
-        tr_options={"atol": 1e-12, "btol": 1e-12},
-    )
-    return _extrinsics(bundle, solution.x, by_camera)
+    bundle = _bundle(by_camera, board, intrinsics, board_poses, pose_covariance, pixel_std, lens_std)
+    found = _solved(bundle, bundle.start(np.array([_vector(inverse(pose)) for pose in starts.values()])))
+    for _ in range(_REWEIGHTINGS):
+        bundle = _reweighted(bundle, found, pixel_std)
+        found = _solved(bundle, found)
+    return _extrinsics(bundle, found, by_camera)
+
+
+def _solved(bundle: Bundle, start: np.ndarray) -> np.ndarray:
+    """Least squares with Huber's loss by Levenberg and Marquardt, until a step is small against what is uncertain."""
+    found, cost, damping = start, _cost(bundle.residuals(start)), 1e-6
+    normal, slope = _normal_equations(bundle, found)
+    for _ in range(_MOST_STEPS):
+        scale = np.sqrt(np.diag(normal))
+        damped = torch.as_tensor(normal / np.outer(scale, scale) + damping * np.eye(len(scale)))
+        step = -psd_solve(damped, torch.as_tensor(slope / scale)[:, None])[:, 0].numpy() / scale
+        after = _cost(bundle.residuals(found + step))
+        small = float(step @ normal @ step) < _SMALL_STEP**2
+        if after <= cost:
+            found, cost, damping = found + step, after, max(0.1 * damping, 1e-12)
+            normal, slope = _normal_equations(bundle, found)
+        else:
+            damping *= 10.0
+        if small:
+            break
+    return found
+
+
+def _cost(residuals: np.ndarray) -> float:
+    size = np.abs(residuals)
+    return float(np.where(size > _OUTLIER, 2.0 * _OUTLIER * size - _OUTLIER**2, size**2).sum())
+
+
+def _normal_equations(bundle: Bundle, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    residuals, jacobian = bundle.residuals(parameters), bundle.jacobian(parameters)
+    weights = np.minimum(1.0, _OUTLIER / np.maximum(np.abs(residuals), _OUTLIER))
+    weighted = jacobian.multiply(weights[:, None]).tocsr()
+    return (weighted.T @ jacobian).toarray(), weighted.T @ residuals
+
+
+def _reweighted(bundle: Bundle, parameters: np.ndarray, pixel_std: float) -> Bundle:
+    """With the standard deviation of each view's corners as they scatter, where that is more than `pixel_std`."""
+    view = bundle.camera * (bundle.board.max() + 1) + bundle.board
+    squares = np.bincount(view, np.mean(bundle.pixel_residuals(parameters) ** 2, axis=1))
+    scatter = np.sqrt(squares / np.maximum(np.bincount(view), 1))
+    return replace(bundle, pixel_std=np.maximum(scatter, pixel_std)[view])
 
 
 def _check_poses(board_poses: np.ndarray, covariance: np.ndarray | None, pixel_std: float) -> None:
@@ -113,6 +156,7 @@ def _bundle(
     board_poses: np.ndarray,
     covariance: np.ndarray | None,
     pixel_std: float,
+    lens_std: LensStd | None,
 ) -> Bundle:
     views = [(index, view) for index, some in enumerate(by_camera.values()) for view in some]
     counts = [len(view.corners.ids) for _, view in views]
@@ -128,7 +172,8 @@ def _bundle(
         pixels=np.concatenate([view.corners.pixels for _, view in views]),
         board_poses=np.array([_vector(pose) for pose in board_poses]),
         whitening=whitening,
-        pixel_std=pixel_std,
+        pixel_std=np.full(sum(counts), pixel_std),
+        lens_std=None if lens_std is None else lens_std.vector,
     )
 
 
@@ -142,12 +187,14 @@ def _extrinsics(
     covariance = psd_solve(information, torch.eye(len(information), dtype=torch.float64)[:, :size])[:size].numpy()
     residuals = bundle.residuals(parameters)
     covariance = covariance * max(1.0, float(residuals @ residuals) / max(len(residuals) - len(parameters), 1))
+    lenses = bundle.lenses(parameters)
     result = {}
     for index, (name, views) in enumerate(by_camera.items()):
         six = slice(6 * index, 6 * index + 6)
         pose, turned = _of_world(parameters[six], covariance[six, six])
-        distances = np.sum(gaps[bundle.camera == index] ** 2, axis=1)
-        result[name] = Extrinsics(pose, turned, float(np.sqrt(distances.mean())), len({view.board for view in views}))
+        residual = float(np.sqrt(np.mean(np.sum(gaps[bundle.camera == index] ** 2, axis=1))))
+        lens = with_lens(bundle.cameras[index], lenses[index])
+        result[name] = Extrinsics(pose, turned, residual, len({view.board for view in views}), lens)
     return result
 
 

@@ -1,4 +1,4 @@
-"""Poses of cameras in a small text file that people can read, and that is written whole or not at all.
+"""Poses and lenses of cameras in a small text file that people can read, and that is written whole or not at all.
 
 JSON with a check sum over its content, so that no damaged number passes for a pose. A file written by hand may leave
 the check sum out.
@@ -9,18 +9,20 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from eaip_prob.data.frames import Intrinsics
 from eaip_prob.errors import DataFileError, InputError, MissingDataError
 from eaip_prob.files import make_folder_of, write_text
 from eaip_prob.perception.extrinsics import Extrinsics
 
 _KIND = "eaip_prob camera extrinsics"
-_VERSION = 1
-_FIELDS = {"T_world_camera", "covariance", "residual", "num_boards"}
+_VERSION = 2  # with the lens of each camera; 1 held poses alone
+_FIELDS = {"T_world_camera", "covariance", "residual", "num_boards", "intrinsics"}
 
 
 def save_extrinsics(path: str | Path, extrinsics: Mapping[str, Extrinsics]) -> Path:
@@ -35,7 +37,8 @@ def save_extrinsics(path: str | Path, extrinsics: Mapping[str, Extrinsics]) -> P
 
     Example:
         >>> import tempfile
-        >>> left = Extrinsics(np.eye(4), np.eye(6) * 1e-6, residual=0.1, num_boards=8)
+        >>> camera = Intrinsics(1920, 1080, 1060.0, 1060.0, 960.0, 540.0)
+        >>> left = Extrinsics(np.eye(4), np.eye(6) * 1e-6, residual=0.1, num_boards=8, intrinsics=camera)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = save_extrinsics(Path(folder) / "kinects.json", {"left": left})
         ...     load_extrinsics(path)["left"].num_boards
@@ -74,8 +77,9 @@ def load_extrinsics(path: str | Path) -> dict[str, Extrinsics]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise _damaged(path, f"text that is no JSON ({error})") from error
-    if not isinstance(content, dict) or content.get("kind") != _KIND or content.get("version") != _VERSION:
-        raise _damaged(path, "another kind or version of file")
+    if not isinstance(content, dict) or content.get("kind") != _KIND:
+        raise _damaged(path, "another kind of file")
+    _check_version(path, content.get("version"))
     checksum = content.pop("checksum", None)
     if checksum is not None and checksum != _checksum(content):
         raise _damaged(path, "content that does not fit its check sum (to edit by hand, remove the line `checksum`)")
@@ -85,12 +89,23 @@ def load_extrinsics(path: str | Path) -> dict[str, Extrinsics]:
     return {name: _from_json(path, name, one) for name, one in cameras.items()}
 
 
+def _check_version(path: Path, version: Any) -> None:
+    if version == 1:
+        raise DataFileError(
+            f"Expected version {_VERSION} of a file of camera poses at {path}, got version 1, which lacks the lens "
+            "that the poses hold with. Calibrate again."
+        )
+    if version != _VERSION:
+        raise _damaged(path, f"another version, {version!r}")
+
+
 def _as_json(extrinsics: Extrinsics) -> dict[str, Any]:
     return {
         "T_world_camera": np.asarray(extrinsics.T_world_camera, dtype=float).tolist(),
         "covariance": np.asarray(extrinsics.covariance, dtype=float).tolist(),
         "residual": float(extrinsics.residual),
         "num_boards": int(extrinsics.num_boards),
+        "intrinsics": asdict(extrinsics.intrinsics),
     }
 
 
@@ -99,7 +114,8 @@ def _from_json(path: Path, name: str, fields: Any) -> Extrinsics:
         raise _damaged(path, f"camera {name!r} without exactly {sorted(_FIELDS)}")
     try:
         pose, covariance = (np.array(fields[key], dtype=float) for key in ("T_world_camera", "covariance"))
-        return Extrinsics(pose, covariance, float(fields["residual"]), int(fields["num_boards"]))
+        lens = Intrinsics(**fields["intrinsics"])
+        return Extrinsics(pose, covariance, float(fields["residual"]), int(fields["num_boards"]), lens)
     except (TypeError, ValueError, OverflowError) as error:  # InputError is a ValueError
         raise _damaged(path, f"camera {name!r} with {error}") from error
 

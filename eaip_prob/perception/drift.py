@@ -18,6 +18,8 @@ from eaip_prob.perception.extrinsics import PoseError
 
 _VOXELS = (0.04, 0.02, 0.01)  # metres, coarse to fine
 _LEAST_POINTS = 200
+# Good cameras on opposite sides of a bookshelf are told to be apart by 3 mm and 0.2 degrees.
+_TOLERANCE = PoseError(0.008, float(np.radians(0.5)))
 _LEAST_OVERLAP = 0.3  # share of one cloud that finds a partner in the other
 
 
@@ -30,12 +32,17 @@ class Drift:
         overlap: share of the first cloud's points that have a partner in the second, 0 to 1.
 
     Example:
-        >>> Drift(PoseError(0.002, 0.0), overlap=0.8).error.millimetres
-        2.0
+        >>> Drift(PoseError(0.002, 0.0), overlap=0.8).needs_calibration
+        False
     """
 
     error: PoseError
     overlap: float
+
+    @property
+    def needs_calibration(self) -> bool:
+        """Whether the clouds are farther apart than the check itself may be wrong: 8 mm or 0.5 degrees."""
+        return self.error.position > _TOLERANCE.position or self.error.rotation > _TOLERANCE.rotation
 
 
 def drift(

@@ -9,26 +9,29 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from eaip_prob.data.frames import check_transform, inverse
+from eaip_prob.data.frames import Intrinsics, check_transform, inverse
 from eaip_prob.errors import InputError, ShapeError
+from eaip_prob.perception._bundle import cross_matrix
 
 
 @dataclass(frozen=True, eq=False)
 class Extrinsics:
-    """Where a camera stands.
+    """Where a camera stands, and the lens with which that holds: another one makes another pose of the same images.
 
     Args:
         T_world_camera: (4, 4), maps coordinates of the camera into the world.
         covariance: (6, 6), of a rotation vector (rad) and the position (m) of the camera, both along the world's axes.
         residual: root mean square distance between corners seen and expected, px.
         num_boards: of how many poses of the board.
+        intrinsics: of the camera, refined if they were uncertain.
 
     Raises:
         ShapeError: matrices of other shapes.
         InputError: no rigid motion, a covariance that is none, a negative residual or count.
 
     Example:
-        >>> left = Extrinsics(np.eye(4), np.eye(6) * 1e-6, residual=0.1, num_boards=8)
+        >>> camera = Intrinsics(1920, 1080, 1060.0, 1060.0, 960.0, 540.0)
+        >>> left = Extrinsics(np.eye(4), np.eye(6) * 1e-6, residual=0.1, num_boards=8, intrinsics=camera)
         >>> round(left.position_std, 4)
         0.0017
     """
@@ -37,6 +40,7 @@ class Extrinsics:
     covariance: Float[np.ndarray, "6 6"]
     residual: float
     num_boards: int
+    intrinsics: Intrinsics
 
     def __post_init__(self) -> None:
         check_transform("T_world_camera", self.T_world_camera)
@@ -48,6 +52,22 @@ class Extrinsics:
     def position_std(self) -> float:
         """Standard deviation of the distance to the true position, m."""
         return float(np.sqrt(np.trace(self.covariance[3:, 3:])))
+
+    def workspace_std(self, points: Float[np.ndarray, "points 3"]) -> float:
+        """Standard deviation of how far the camera misplaces points: what `workspace_error` is expected to be, m.
+
+        Args:
+            points: (P, 3), of the workspace, in the world, m.
+
+        Raises:
+            ShapeError: no points.
+        """
+        _check_points(points)
+        # a point p moves by e x (p - c) + dc, with e the rotation's error and c the camera's position
+        moves = np.zeros((len(points), 3, 6))
+        moves[:, :, :3] = -cross_matrix(points - self.T_world_camera[:3, 3])
+        moves[:, :, 3:] = np.eye(3)
+        return float(np.sqrt(np.einsum("pij,jk,pik->", moves, self.covariance, moves) / len(points)))
 
 
 @dataclass(frozen=True)
@@ -103,8 +123,7 @@ def workspace_error(
     """
     if len(estimated) != len(true) or not len(estimated):
         raise ShapeError(f"Expected as many true poses as estimated, got {len(true)} and {len(estimated)}.")
-    if np.ndim(points) != 2 or np.shape(points)[1] != 3 or not len(points):
-        raise ShapeError(f"Expected points of the workspace with shape (P, 3), got {np.shape(points)}.")
+    _check_points(points)
     position = rotation = 0.0
     for ours, theirs in zip(estimated, true, strict=True):
         check_transform("estimated", ours)
@@ -114,6 +133,11 @@ def workspace_error(
         position = max(position, float(np.sqrt(np.mean(np.sum(gaps**2, axis=1)))))
         rotation = max(rotation, float(Rotation.from_matrix(change[:3, :3]).magnitude()))
     return PoseError(position, rotation)
+
+
+def _check_points(points: np.ndarray) -> None:
+    if np.ndim(points) != 2 or np.shape(points)[1] != 3 or not len(points):
+        raise ShapeError(f"Expected points of the workspace with shape (P, 3), got {np.shape(points)}.")
 
 
 def check_covariance(name: str, covariance: Float[np.ndarray, "6 6"]) -> None:

@@ -6,7 +6,9 @@ does well, outliers and clusters, is done by it, on demand.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,9 +19,10 @@ from eaip_prob.data.frames import RGBDFrame
 from eaip_prob.errors import InputError, ShapeError
 from eaip_prob.perception._fusing import HALF, crop_points, merge_voxels
 from eaip_prob.perception.glove_offset import depth_sigma
-from eaip_prob.perception.registration import depth_colors
+from eaip_prob.perception.registration import colors_of
 
 Crop = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+_Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, colours, whether they have one, weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +93,10 @@ def fuse(frames: Sequence[RGBDFrame], crop: Crop | None = None, voxel: float = 0
     """
     if not frames or not voxel > 0:
         raise InputError(f"Expected at least one frame and a voxel above zero, got {len(frames)} frames, {voxel} m.")
-    parts = [_cropped(frame, _bounds(crop)) for frame in frames]
-    points, colors, seen, weight = (np.concatenate([part[i] for part in parts]) for i in range(4))
-    if not len(points):
-        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
-    if np.abs(points).max() >= voxel * HALF:
-        raise InputError(f"Expected points within {HALF} voxels of the origin. Crop the space, or use a larger voxel.")
-    return _merged(points, colors, seen, weight, voxel)
+    bounds = _bounds(crop)
+    with ThreadPoolExecutor(min(len(frames), os.cpu_count() or 1)) as pool:  # the loops release the interpreter
+        parts = list(pool.map(lambda frame: _cropped(frame, bounds), frames))
+    return _merged(parts, voxel)
 
 
 def _bounds(crop: Crop | None) -> np.ndarray:
@@ -106,22 +106,28 @@ def _bounds(crop: Crop | None) -> np.ndarray:
     return bounds
 
 
-def _cropped(frame: RGBDFrame, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points, colours, which of them were seen, and weights."""
+def _cropped(frame: RGBDFrame, bounds: np.ndarray) -> _Seen:
     points, places = np.empty((frame.depth.size + 1, 3)), np.empty(frame.depth.size, np.int64)
     depth, valid = np.ascontiguousarray(frame.depth), np.ascontiguousarray(frame.valid)
     pose = np.ascontiguousarray(frame.T_world_camera[:3], dtype=float)
     count = crop_points(depth, valid, frame.intrinsics.rays, pose, bounds, points, places)
-    color, seen = depth_colors(frame)
     at = places[:count]
+    color, seen = colors_of(frame, at)
     weight = 1.0 / depth_sigma(depth.reshape(-1)[at].astype(float)) ** 2
-    return points[:count], color.reshape(-1, 3)[at], seen.reshape(-1)[at], weight
+    return points[:count], color, seen, weight
 
 
-def _merged(points: np.ndarray, colors: np.ndarray, seen: np.ndarray, weight: np.ndarray, voxel: float) -> PointCloud:
-    table = np.full((2 ** (len(points).bit_length() + 1), 2), -1, np.int64)
-    sums = np.zeros((len(points), 8))
-    sums = sums[: merge_voxels(points, colors, seen, weight, voxel, table, sums)]
+def _merged(parts: Sequence[_Seen], voxel: float) -> PointCloud:
+    total = sum(len(part[0]) for part in parts)
+    table = np.full((2 ** (total.bit_length() + 1), 2), -1, np.int64)
+    sums, count = np.zeros((total, 8)), 0
+    for points, colors, seen, weight in parts:
+        if len(points) and np.abs(points).max() >= voxel * HALF:
+            raise InputError(
+                f"Expected points within {HALF} voxels of the origin. Crop the space, or use larger voxels."
+            )
+        count = merge_voxels(points, colors, seen, weight, voxel, table, sums, count)
+    sums = sums[:count]
     color = np.rint(sums[:, 4:7] / np.maximum(sums[:, 7:], 1.0)).astype(np.uint8)
     return PointCloud(sums[:, :3] / sums[:, 3:4], color, 1.0 / sums[:, 3])
 

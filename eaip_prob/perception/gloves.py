@@ -95,12 +95,16 @@ class GloveTracker(AbstractHandTracker):
         """The state before anything was seen."""
         return GloveTracks(-math.inf, None, np.zeros((2, 6, 6)), np.full(2, -math.inf))
 
-    def step(self, frames: Sequence[RGBDFrame], state: GloveTracks) -> tuple[HandState | None, GloveTracks]:
-        """(hands, next state) at the time of the latest frame; None until both gloves were seen at one time.
+    def step(
+        self, frames: Sequence[RGBDFrame], state: GloveTracks, time: float | None = None
+    ) -> tuple[HandState | None, GloveTracks]:
+        """(hands, next state); None until both gloves were seen at one time.
 
         Args:
-            frames: of the cameras that delivered one now, in any order; none leaves all as it was.
+            frames: of the cameras that delivered one now, in any order; none while all fail.
             state: from `init` or the last step.
+            time: s, at which the hands are wanted; default that of the latest frame so far, which stands still while
+                all cameras fail. It has no part in the next state, so that frames may still come from before it.
 
         Raises:
             InputError: time stamps that differ by more than ten frames: cameras whose clocks disagree.
@@ -112,7 +116,9 @@ class GloveTracker(AbstractHandTracker):
         """
         for group in self._moments(frames, state.time):
             state = self._advanced(group, state)
-        return self._hands(state), state
+        if time is None or state.mean is None or time <= state.time:
+            return self._hands(state), state
+        return self._hands(replace(self._predicted(state, time), time=time)), state
 
     def _moments(self, frames: Sequence[RGBDFrame], after: float) -> list[list[RGBDFrame]]:
         """Frames newer than the state, those of one moment together."""
@@ -146,13 +152,13 @@ class GloveTracker(AbstractHandTracker):
     def _predicted(self, state: GloveTracks, time: float) -> GloveTracks:
         assert state.mean is not None
         mean, covariance = state.mean.copy(), state.covariance.copy()
-        for i in (0, 1):
-            if self._lost(state, time)[i]:
-                if not self._lost(state, state.time)[i]:
+        for i, given_up in enumerate(state.last_seen + self._patience):
+            moving = max(min(time, given_up) - state.time, 0.0)
+            mean[i], covariance[i] = kalman.predict(mean[i], covariance[i], moving, self.acceleration)
+            if time > given_up:
+                if state.time <= given_up:
                     mean[i], covariance[i] = self._stopped(mean[i], covariance[i])
-                mean[i], covariance[i] = self._held(mean[i], covariance[i], time - state.time)
-            else:
-                mean[i], covariance[i] = kalman.predict(mean[i], covariance[i], time - state.time, self.acceleration)
+                mean[i], covariance[i] = self._held(mean[i], covariance[i], time - max(given_up, state.time))
         return replace(state, mean=mean, covariance=covariance)
 
     def _stopped(self, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -168,7 +174,12 @@ class GloveTracker(AbstractHandTracker):
         return mean, covariance
 
     def _lost(self, state: GloveTracks, time: float) -> np.ndarray:
-        return time - state.last_seen > (self.lost_after + 0.5) * self.frame_time
+        return time - state.last_seen > self._patience
+
+    @property
+    def _patience(self) -> float:
+        """Time after which a hand that was not seen is given up, s."""
+        return (self.lost_after + 0.5) * self.frame_time
 
     def _started(self, candidates: list[GloveCandidate], state: GloveTracks) -> GloveTracks:
         strays = followed(state.strays, candidates, state.time, self.radius)

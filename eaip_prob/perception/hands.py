@@ -52,8 +52,15 @@ class AbstractHandTracker(ABC):
         """The state before anything was seen."""
 
     @abstractmethod
-    def step(self, frames: Sequence[RGBDFrame], state: Any) -> tuple[HandState | None, Any]:
-        """(hands, next state) given the frames of the cameras that delivered one now; None until first seen."""
+    def step(self, frames: Sequence[RGBDFrame], state: Any, time: float | None = None) -> tuple[HandState | None, Any]:
+        """(hands, next state) given the frames of the cameras that delivered one now; None until first seen.
+
+        Args:
+            frames: of any cameras; none while all fail.
+            state: from `init` or the last step.
+            time: s, at which the hands are wanted; default that of the latest frame so far, which stands still while
+                all cameras fail.
+        """
 
 
 def hands_to_trajectory(states: Sequence[HandState]) -> Trajectory:

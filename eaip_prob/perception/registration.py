@@ -57,8 +57,7 @@ def depth_colors(frame: RGBDFrame) -> tuple[UInt8[np.ndarray, "height width 3"],
         True
     """
     height, width = frame.depth.shape
-    rows, columns = np.divmod(np.arange(height * width), width)
-    color, seen = _colors(frame, np.column_stack([columns, rows]), (0, height, 0, width))
+    color, seen = colors_of(frame, np.arange(height * width))
     return color.reshape(height, width, 3), seen.reshape(height, width)
 
 
@@ -85,25 +84,44 @@ def color_at(
     pixels = _checked(pixels, frame.intrinsics)
     if not len(pixels):
         return np.zeros((0, 3), np.uint8), np.zeros(0, bool)
-    return _colors(frame, pixels, _surroundings(frame, pixels))
+    flat = pixels[:, 1] * frame.intrinsics.width + pixels[:, 0]
+    return colors_of(frame, flat, _surroundings(frame, pixels))
 
 
-def _colors(frame: RGBDFrame, pixels: np.ndarray, window: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    camera, colors, seen = frame.color_intrinsics, np.zeros((len(pixels), 3), np.uint8), np.zeros(len(pixels), bool)
+def colors_of(
+    frame: RGBDFrame, places: Int[np.ndarray, "pixels"], window: tuple[int, int, int, int] | None = None
+) -> tuple[UInt8[np.ndarray, "pixels 3"], Bool[np.ndarray, "pixels"]]:
+    """`color_at` of pixels that are known to be in the image, for callers that make them themselves.
+
+    Args:
+        frame: of one camera.
+        places: (P,), int64, row times width plus column of each depth pixel.
+        window: first and one past the last row and column of the pixels that may hide one of these; default all.
+
+    Example:
+        >>> camera = Intrinsics(4, 3, 4.0, 4.0, 1.5, 1.0)
+        >>> depth = np.ones((3, 4), dtype=np.float32)
+        >>> frame = RGBDFrame(np.full((3, 4, 3), 9, np.uint8), depth, depth > 0, camera, np.eye(4), 0.0)
+        >>> colors_of(frame, np.array([11]))[0].tolist()
+        [[9, 9, 9]]
+    """
+    camera, colors, seen = frame.color_intrinsics, np.zeros((len(places), 3), np.uint8), np.zeros(len(places), bool)
     if camera is None or frame.T_color_depth is None:
-        colors = frame.color[pixels[:, 1], pixels[:, 0]]
+        colors = frame.color.reshape(-1, 3)[places]
         return colors, np.any(colors, axis=-1, keepdims=True)[:, 0]
     cell = max(1, round(camera.fx / frame.intrinsics.fx))  # as far apart as neighbouring depth pixels
     nearest = np.full((-(-camera.height // cell), -(-camera.width // cell)), np.inf, np.float32)
-    places = np.empty((*frame.depth.shape, 3))
+    height, width = frame.depth.shape
+    area = (0, height, 0, width) if window is None else window
+    seen_at = np.empty((*frame.depth.shape, 3))
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion, camera.max_radius])
     motion = np.ascontiguousarray(frame.T_color_depth[:3], dtype=float)
     depth, valid = np.ascontiguousarray(frame.depth), np.ascontiguousarray(frame.valid)
-    project_window(depth, valid, frame.intrinsics.rays, motion, lens, window, places, nearest, cell)
+    project_window(depth, valid, frame.intrinsics.rays, motion, lens, area, seen_at, nearest, cell)
     baseline = float(np.linalg.norm(motion[:, 3]))
     slack = np.inf if baseline == 0.0 else 1.0 / (baseline * frame.intrinsics.fx)
     color = np.ascontiguousarray(frame.color)
-    take_colors(pixels, places, nearest, cell, color, slack, _LEAST_STEP, colors, seen)
+    take_colors(places, seen_at, nearest, cell, color, slack, _LEAST_STEP, colors, seen)
     return colors, seen
 
 

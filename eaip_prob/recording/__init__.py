@@ -1,18 +1,18 @@
 """What a run leaves behind to be looked at: paths, signals with intervals, phase, scores and text over time.
 
 Library and experiments record through `AbstractRunLogger`; `RerunLogger` writes a file that the rerun viewer opens
-with a layout of its own, `NullLogger` accepts the same calls and keeps nothing. Only `recording.rerun_logger` and
-`recording.layout` import rerun, and they are imported when `RerunLogger` is first asked for.
+with a layout of its own, `NullLogger` accepts the same calls and keeps nothing. Only `recording.rerun_logger`,
+`recording.rerun_sensors` and `recording.layout` import rerun, when `RerunLogger` is first asked for.
 
 Where things are stored in a recording:
 
-==========================  ============================================================================
+==========================  =================================================================================
 ``plane/ENTITY``            2-D paths and boxes, in the caller's unit (px), y up
-``space/ENTITY``            3-D paths and boxes, m, z up
+``space/ENTITY``            3-D paths, boxes, clouds, markers and ellipsoids, m, z up; cameras with their images
 ``plots/ENTITY``            curves: signals, intervals, phase, scores
 ``report/ENTITY``           Markdown
 ``arrays/ENTITY``           tensors: the data behind a figure
-==========================  ============================================================================
+==========================  =================================================================================
 
 Two timelines index what changes: ``time`` (seconds) and ``samples_seen`` (how many samples of the partner had been
 seen). Values under ``plane`` are stored as given, with y up; because the viewer's 2-D view has y down, ``plane`` itself

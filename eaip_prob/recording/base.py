@@ -2,161 +2,29 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from eaip_prob.errors import InputError, ShapeError
+from eaip_prob.errors import ShapeError
 from eaip_prob.recording.checks import Color, as_array, check_bounds
 from eaip_prob.recording.prediction import prediction_records
-from eaip_prob.recording.records import (
-    PREDICTED,
-    SCENE,
-    TRUTH,
-    Array,
-    Box,
-    Curves,
-    Layout,
-    Moment,
-    Paths,
-    Record,
-    Text,
-)
+from eaip_prob.recording.records import PREDICTED, TRUTH, Array, Curves, Layout, Moment, Text
+from eaip_prob.recording.sensing import AbstractSensing
 
 
-class AbstractRunLogger(ABC):
+class AbstractRunLogger(AbstractSensing):
     """Records what a run did; a context manager that keeps what was recorded even if the run raises.
 
-    A subclass implements `_write`, which stores one checked record (`recording.records`), and `_finish`, which is
-    called once when the logger is closed. It gets every public call below with its checks of shapes and values.
+    A subclass implements `_write`, which stores one checked record (`recording.records`, `recording.sensor_records`),
+    and `_finish`, which is called once when the logger is closed. It gets every public call below, and those of
+    `recording.drawing` and `recording.sensing`, with its checks of shapes and values.
 
     Every call raises `ShapeError` where axes do not match, and `InputError` where numbers are not finite, time does
     not increase, bounds are exchanged, an entity is malformed or the logger was closed; nothing is stored then.
     Arrays may be tensors, NumPy arrays or nested lists; they are copied before a call returns, and never changed.
     """
-
-    _closed = False
-
-    @abstractmethod
-    def _write(self, record: Record) -> None:
-        """Stores one record."""
-
-    @abstractmethod
-    def _finish(self) -> None:
-        """Completes the recording."""
-
-    def close(self) -> None:
-        """Completes the recording; later calls to `close` do nothing."""
-        if not self._closed:
-            self._closed = True
-            self._finish()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def path(
-        self,
-        entity: str,
-        values: Any,
-        *,
-        radius: float = 1.5,
-        color: Color = TRUTH,
-        at: Moment | None = None,
-        label: str | None = None,
-    ) -> None:
-        """One path.
-
-        Args:
-            entity: name of the path, such as `human/truth`.
-            values: (T, 2) in the plane, in its unit (px), y up, or (T, 3) in space, m.
-            radius: half the width of the line in points of the screen.
-            color: (red, green, blue) or with opacity, 0..255.
-            at: since when the path holds, until the next one under this entity; None for the whole recording,
-                which hides any other path under the entity.
-            label: text drawn at the middle of the path.
-
-        Example:
-            >>> from eaip_prob.recording import NullLogger
-            >>> NullLogger().path("human/truth", [[0.0, 0.0], [120.0, 80.0]])
-        """
-        self._record(Paths(entity, _single(values), radius, color, at, label))
-
-    def paths(
-        self,
-        entity: str,
-        values: Any,
-        *,
-        radius: float = 0.5,
-        color: Color = (*TRUTH[:3], 110),
-        at: Moment | None = None,
-    ) -> None:
-        """Several paths drawn alike, such as demonstrations or samples of a posterior.
-
-        Args:
-            entity: name of the paths.
-            values: (N, T, 2) in the plane, in its unit (px), y up, or (N, T, 3) in space, m.
-            radius: half the width of the lines in points of the screen.
-            color: (red, green, blue) or with opacity, 0..255.
-            at: since when the paths hold; None for the whole recording.
-
-        Example:
-            >>> from eaip_prob.recording import NullLogger
-            >>> NullLogger().paths("demonstrations", [[[0.0, 0.0], [120.0, 80.0]], [[0.0, 0.0], [130.0, 70.0]]])
-        """
-        self._record(Paths(entity, values, radius, color, at))
-
-    def box(
-        self,
-        entity: str,
-        lower: Any,
-        upper: Any,
-        *,
-        color: Color = SCENE,
-        at: Moment | None = None,
-        label: str | None = None,
-    ) -> None:
-        """An outline parallel to the axes.
-
-        Args:
-            entity: name of the box.
-            lower: (2,) in the plane, in its unit (px), y up, or (3,) in space, m.
-            upper: the opposite corner.
-            color: (red, green, blue) or with opacity, 0..255.
-            at: since when the box holds; None for the whole recording.
-            label: text drawn in the middle.
-
-        Example:
-            >>> from eaip_prob.recording import NullLogger
-            >>> NullLogger().box("table", [0.0, 0.0, 0.0], [1.2, 0.6, 0.7], label="table")
-        """
-        self._record(Box(entity, lower, upper, color, at, label))
-
-    def rectangle(
-        self, entity: str, width: float, height: float, *, corner: Sequence[float] = (0.0, 0.0), unit: str = "px"
-    ) -> None:
-        """The outline of a rectangle in the plane, labelled with its size.
-
-        Args:
-            entity: name of the rectangle.
-            width: along x, in `unit`.
-            height: along y (up), in `unit`.
-            corner: (x, y) of the lower left corner.
-            unit: for the label.
-
-        Example:
-            >>> from eaip_prob.recording import NullLogger
-            >>> NullLogger().rectangle("object", width=215, height=125)
-        """
-        upper = (corner[0] + width, corner[1] + height)
-        self.box(entity, corner, upper, label=f"{width:g} x {height:g} {unit}")
 
     def series(
         self,
@@ -305,7 +173,8 @@ class AbstractRunLogger(ABC):
         """Says what the viewer shows when the recording is opened; call it first, so that a killed run has it too.
 
         Args:
-            kind: `plane` (2-D paths beside the plots), `space` (3-D paths beside the plots) or `plots`.
+            kind: `plane` (2-D paths beside the plots), `space` (3-D paths beside the plots), `cameras` (3-D scene,
+                images of the cameras and plots) or `plots`.
             plots: title with unit for each plot, by entity: `{"signals/x": "x [px]", "scores": "rmse [px]"}`.
             timeline: `samples_seen` or `time`, the horizontal axis of the plots and of the slider.
             bounds: ((x, y) smallest, (x, y) largest) of the plane, y up; None fits what was recorded.
@@ -315,17 +184,3 @@ class AbstractRunLogger(ABC):
             >>> NullLogger().blueprint("plane", {"signals/x": "x [px]"}, timeline="time")
         """
         self._record(Layout(kind, plots or {}, timeline, bounds))
-
-    def _record(self, record: Record) -> None:
-        if self._closed:
-            raise InputError("Expected an open logger, got one that was closed. Record inside its `with` block.")
-        self._write(record)
-
-
-def _single(values: Any) -> Any:
-    array = as_array("values", values)
-    if array.ndim != 2:
-        raise ShapeError(
-            f"Expected values with shape (T, 2) or (T, 3), got {array.shape}. Record several paths with paths()."
-        )
-    return array[None]

@@ -2,28 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
 import rerun.blueprint as rrb
 
 from eaip_prob.recording.records import Layout, Moment
+from eaip_prob.recording.rerun_sensors import COLOR_CAMERA, COLOR_IMAGE, DEPTH_CAMERA, DEPTH_IMAGE
 
 Bounds = tuple[tuple[float, float], tuple[float, float]]
+Point = tuple[float, float, float]
 
 _MARGIN = 0.08
+# Where the eye stands and looks to see the robot's workspace, m in the robot's frame: from the front left above.
+_EYE, _LOOKS_AT = (-0.9, 2.1, 1.5), (1.0, 0.0, 0.0)
+_NEAR_EYE, _NEAR_LOOKS_AT = (0.7, 0.55, 0.65), (1.25, 0.0, 0.3)
 
 
-def viewer_blueprint(layout: Layout, bounds: Bounds | None, last: Moment | None) -> rrb.Blueprint:
+@dataclass
+class Sensed:
+    """Entities in space, in the order in which they came, that the layout `cameras` shows in views of their own.
+
+    Args:
+        cameras: whose images are shown.
+        clouds: kept apart from what the viewer projects back.
+        markers: drawn over the images as well.
+    """
+
+    cameras: list[str] = field(default_factory=list)
+    clouds: list[str] = field(default_factory=list)
+    markers: list[str] = field(default_factory=list)
+
+
+_NOTHING = Sensed()
+
+
+def viewer_blueprint(
+    layout: Layout,
+    bounds: Bounds | None,
+    last: Moment | None,
+    sensed: Sensed = _NOTHING,
+) -> rrb.Blueprint:
     """The rerun blueprint of a layout.
 
     Args:
         layout: what to show.
         bounds: ((x, y) smallest, (x, y) largest) of the plane, y up, or None for the viewer's own choice.
         last: where the timelines end, so that all plots have one horizontal axis, or None where it is not known yet.
+        sensed: for which entities there are views of their own.
     """
     axis = _axis(layout.timeline, last)
     plots = [_plot_view(entity, title, axis) for entity, title in layout.plots.items()]
     report = rrb.TextDocumentView(origin="/report", name="Report")
     if layout.kind == "plots":
         shown = rrb.Grid(*plots, report)
+    elif layout.kind == "cameras":
+        shown = _beside_images(sensed, report, plots)
     else:
         paths = _plane_view(layout.bounds or bounds) if layout.kind == "plane" else _space_view()
         left = rrb.Vertical(paths, report, row_shares=[3.0, 1.0])
@@ -51,6 +85,57 @@ def _plane_view(bounds: Bounds | None) -> rrb.Spatial2DView:
 
 def _space_view() -> rrb.Spatial3DView:
     return rrb.Spatial3DView(origin="/space", name="Paths [m], z up")
+
+
+def _beside_images(sensed: Sensed, report: rrb.View, plots: Sequence[rrb.View]) -> rrb.Horizontal:
+    scene, marks = _scene_views(sensed)
+    below = rrb.Horizontal(marks, report, column_shares=[1.2, 1.0])
+    columns: list[rrb.Container] = [rrb.Vertical(scene, below, row_shares=[2.0, 1.0])]
+    shares = [2.4]
+    if sensed.cameras:
+        columns.append(_image_views(sensed))
+        shares.append(1.0)
+    if plots:
+        columns.append(rrb.Vertical(*plots))
+        shares.append(1.2)
+    return rrb.Horizontal(*columns, column_shares=shares)
+
+
+def _scene_views(sensed: Sensed) -> tuple[rrb.Tabs, rrb.Spatial3DView]:
+    """Coloured clouds, with depth images projected back behind a tab; and what clouds hide: marks inside of gloves."""
+    depth = [f"{camera}/{DEPTH_IMAGE}" for camera in sensed.cameras]
+    color = [f"{camera}/{COLOR_IMAGE}" for camera in sensed.cameras]
+    cameras = [f"{camera}/**" for camera in sensed.cameras]
+    tabs = rrb.Tabs(
+        _scene_view("Workspace [m], z up", depth, _EYE, _LOOKS_AT),
+        _scene_view("Depth images in space [m], z up", [*sensed.clouds, *color], _EYE, _LOOKS_AT),
+        active_tab=0,
+    )
+    return tabs, _scene_view("Markers alone [m], z up", [*sensed.clouds, *cameras], _NEAR_EYE, _NEAR_LOOKS_AT)
+
+
+def _scene_view(name: str, hidden: Sequence[str], eye: Point, looks_at: Point) -> rrb.Spatial3DView:
+    contents = ["+ /space/**", *(f"- /space/{entity}" for entity in hidden)]
+    controls = rrb.EyeControls3D(position=eye, look_target=looks_at, eye_up=(0.0, 0.0, 1.0))
+    return rrb.Spatial3DView(origin="/space", contents=contents, name=name, eye_controls=controls)
+
+
+def _image_views(sensed: Sensed) -> rrb.Tabs:
+    """The images of all cameras, with the markers where each camera would see them."""
+    marks = [f"+ /space/{entity}" for entity in sensed.markers]
+
+    def column(name: str, pinhole: str) -> rrb.Vertical:
+        views = [
+            rrb.Spatial2DView(
+                origin=f"/space/{camera}/{pinhole}",
+                contents=["+ $origin/**", *marks],
+                name=f"{camera.rsplit('/', 1)[-1]}: {name.lower()}",
+            )
+            for camera in sensed.cameras
+        ]
+        return rrb.Vertical(*views, name=name)
+
+    return rrb.Tabs(column("Colour", COLOR_CAMERA), column("Depth", DEPTH_CAMERA), active_tab=0)
 
 
 def _axis(timeline: str, last: Moment | None) -> rrb.TimeAxis | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from eaip_prob.recording.base import AbstractRunLogger
 from eaip_prob.recording.records import Record
+from eaip_prob.recording.sensor_records import SensorRecord
 
 
 class NullLogger(AbstractRunLogger):
@@ -26,7 +27,7 @@ class NullLogger(AbstractRunLogger):
     ) -> None:
         del path, application_id, recording_id
 
-    def _write(self, record: Record) -> None:
+    def _write(self, record: Record | SensorRecord) -> None:
         del record
 
     def _finish(self) -> None:

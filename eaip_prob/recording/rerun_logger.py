@@ -11,8 +11,17 @@ import rerun as rr
 
 from eaip_prob.errors import InputError
 from eaip_prob.recording.base import AbstractRunLogger
-from eaip_prob.recording.layout import viewer_blueprint
+from eaip_prob.recording.layout import Sensed, viewer_blueprint
 from eaip_prob.recording.records import Array, Box, Curves, Layout, Moment, Paths, Record, Text
+from eaip_prob.recording.rerun_sensors import (
+    camera_places,
+    cloud_columns,
+    ellipsoid_columns,
+    image_columns,
+    marker_columns,
+    pinhole_columns,
+)
+from eaip_prob.recording.sensor_records import CameraImages, Cloud, Markers, SensorRecord
 
 _MIRRORED = np.diag([1.0, -1.0, 1.0])
 
@@ -56,9 +65,11 @@ class RerunLogger(AbstractRunLogger):
         self._layout: Layout | None = None
         self._extent: np.ndarray | None = None
         self._last: Moment | None = None
+        self._sensed = Sensed()
+        self._places: dict[str, bytes] = {}
         self._send("plane", None, rr.Transform3D.columns(mat3x3=_MIRRORED[None]))
 
-    def _write(self, record: Record) -> None:
+    def _write(self, record: Record | SensorRecord) -> None:
         if isinstance(record, Paths):
             self._write_paths(record)
         elif isinstance(record, Box):
@@ -71,10 +82,41 @@ class RerunLogger(AbstractRunLogger):
         elif isinstance(record, Array):
             columns = rr.Tensor.columns(data=[rr.TensorData(array=record.values, dim_names=record.names)])
             self._send(f"arrays/{record.entity}", None, columns)
-        else:
+        elif isinstance(record, Layout):
             self._layout = record
             self._send_layout()
+        else:
+            self._write_sensed(record)
         self._stream.flush()
+
+    def _write_sensed(self, record: SensorRecord) -> None:
+        if isinstance(record, CameraImages):
+            self._write_camera(record)
+        elif isinstance(record, Cloud):
+            self._show_also(self._sensed.clouds, record.entity)
+            self._send(f"space/{record.entity}", record.at, cloud_columns(record))
+        elif isinstance(record, Markers):
+            self._show_also(self._sensed.markers, record.entity)
+            self._send(f"space/{record.entity}", record.at, marker_columns(record))
+        else:
+            self._send(f"space/{record.entity}", record.at, ellipsoid_columns(record))
+
+    def _write_camera(self, record: CameraImages) -> None:
+        self._show_also(self._sensed.cameras, record.entity)
+        for camera, (pose, lens) in camera_places(record.frame).items():
+            entity = f"space/{record.entity}/{camera}"
+            place = pose.tobytes() + repr(lens).encode()
+            if self._places.get(entity) != place:
+                self._places[entity] = place
+                self._send(entity, record.at, pinhole_columns(pose, lens))
+        for image, columns in image_columns(record.frame).items():
+            self._send(f"space/{record.entity}/{image}", record.at, columns)
+
+    def _show_also(self, shown: list[str], entity: str) -> None:
+        """Adds an entity for which the layout has views of its own."""
+        if entity not in shown:
+            shown.append(entity)
+            self._send_layout()
 
     def _finish(self) -> None:
         self._send_layout()
@@ -149,4 +191,4 @@ class RerunLogger(AbstractRunLogger):
         if self._extent is not None:
             (left, bottom), (right, top) = self._extent.tolist()
             bounds = ((left, bottom), (right, top))
-        self._stream.send_blueprint(viewer_blueprint(self._layout, bounds, self._last))
+        self._stream.send_blueprint(viewer_blueprint(self._layout, bounds, self._last, self._sensed))

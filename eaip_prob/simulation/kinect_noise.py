@@ -150,11 +150,11 @@ class KinectNoise:
         return noisy.astype(np.uint8)
 
 
-def camera_generators(seed: int, names: Sequence[str]) -> dict[str, np.random.Generator]:
+def camera_generators(seed: int | Sequence[int], names: Sequence[str]) -> dict[str, np.random.Generator]:
     """A generator for each camera; independent of each other, and of which other cameras there are after it.
 
     Args:
-        seed: of all.
+        seed: of all; several numbers where one seed has several parts.
         names: of the cameras.
 
     Example:

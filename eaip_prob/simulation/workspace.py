@@ -54,21 +54,28 @@ class Workspace:
     floor_color: Color = (0.62, 0.60, 0.57)
     tile: float = 0.5
 
-    def scene(self, hands: Float[np.ndarray, "hands 3"], grippers: Float[np.ndarray, "hands 3"]) -> Scene:
+    def scene(
+        self,
+        hands: Float[np.ndarray, "hands 3"],
+        grippers: Float[np.ndarray, "hands 3"],
+        lip: Float[np.ndarray, "hands 3"] | None = None,
+    ) -> Scene:
         """What is there while gloves and grippers are where they are.
 
         Args:
             hands: (2, 3), centres of the person's left and right glove, m.
             grippers: (2, 3), tips of the robot's left and right gripper, m.
+            lip: (2, 3), where the partner's edge of the bag is held, m; default by both hands.
         """
         hands, grippers = np.asarray(hands, float), np.asarray(grippers, float)
+        held = hands if lip is None else np.asarray(lip, float)
         parts = {"floor": self._floor, "thing": self._placed}
         parts |= self.person.meshes(hands, (*self.person_position, self.floor))
         if self.robot is not None:
             parts["robot"] = self.robot.mesh(grippers)
         if self.bag is not None:
             # The partner faces the robot: the robot's left gripper is across from the partner's right hand.
-            parts["bag"] = self.bag.mesh(np.stack([grippers, hands[::-1]]))
+            parts["bag"] = self.bag.mesh(np.stack([grippers, held[::-1]]))
         return Scene([Part(name, mesh, self.tile if name == "floor" else 0.0) for name, mesh in parts.items()])
 
     @cached_property

@@ -18,13 +18,7 @@ percentiles (spread/...), machine.json the processor and its load.
 
 from __future__ import annotations
 
-import contextlib
-import gc
-import json
-import os
-import platform
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,24 +31,21 @@ if TYPE_CHECKING:
 @experiment("benchmarks/core")
 def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     """Times all operations in turn, prints the table; returns medians and percentiles in milliseconds."""
-    import numpy as np
     from _core_jobs import jobs
+    from _timing import interleaved, machine, medians_of, spread_of, written_beside
 
-    from eaip_prob.files import write_text
     from eaip_prob.tables import text_table
 
     pairs = jobs(cfg.seed)
-    load = os.getloadavg()
+    before = machine()
     ours = {f"ms/{name}": pair.package for name, pair in pairs.items()}
     theirs = {f"plain/{name}": pair.plain for name, pair in pairs.items()}
     times = interleaved(ours | theirs, cfg.repetitions, cfg.sample_ms)
-    machine = {"cpu": cpu_model(), "cores": os.cpu_count(), "load_before": load, "load_after": os.getloadavg()}
-    write_text(folder / "machine.json", json.dumps(machine, indent=2) + "\n")
-    medians = {name: float(np.median(sample)) for name, sample in times.items()}
-    tenths = {name: np.percentile(times[f"ms/{name}"], (10, 90)) for name in pairs}
-    spread = {name: {"p10": float(low), "p90": float(high)} for name, (low, high) in tenths.items()}
+    line = written_beside(folder, before)
+    medians = medians_of(times)
+    spread = spread_of({name: times[f"ms/{name}"] for name in pairs})
     print(text_table(list(rows(medians, spread, cfg.targets)), digits=3))
-    print(f"{machine['cpu']}, {machine['cores']} cores, load {load[0]:.2f} before and {os.getloadavg()[0]:.2f} after")
+    print(line)
     return medians | {"spread": spread}
 
 
@@ -66,51 +57,6 @@ def rows(
         ours, plain = medians[f"ms/{name}"], medians[f"plain/{name}"]
         numbers = {"ms": ours, "10 %": part["p10"], "90 %": part["p90"], "target": targets.get(name), "plain": plain}
         yield {"operation": name, **numbers, "plain / ms": plain / ours}
-
-
-def interleaved(jobs: Mapping[str, Callable[[], Any]], repetitions: int, sample_ms: float) -> dict[str, list[float]]:
-    """Milliseconds per call of each job, one number for each round.
-
-    A number is the mean over calls that together last `sample_ms`; a call that is not timed comes first, so that
-    neither compilation nor the caches that the job before has filled count.
-    """
-    with quiet():
-        calls = {name: max(1, round(sample_ms / per_call(job, 3))) for name, job in jobs.items()}
-        times: dict[str, list[float]] = {name: [] for name in jobs}
-        for _ in range(repetitions):
-            for name, job in jobs.items():
-                times[name].append(per_call(job, calls[name]))
-    return times
-
-
-def per_call(job: Callable[[], Any], calls: int) -> float:
-    """Mean milliseconds of some calls, after one that is not timed."""
-    job()
-    started = time.perf_counter_ns()
-    for _ in range(calls):
-        job()
-    return (time.perf_counter_ns() - started) / (1e6 * calls)
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Keeps the garbage collector out of what is timed."""
-    enabled = gc.isenabled()
-    gc.collect()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
-
-def cpu_model() -> str:
-    """Name of the processor, as far as the system tells."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.processor() or platform.machine()
 
 
 if __name__ == "__main__":

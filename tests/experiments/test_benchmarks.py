@@ -7,6 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eaip_prob.data import Intrinsics, RGBDFrame
+from eaip_prob.perception import fuse
+
 FOLDER = Path(__file__).parents[2] / "experiments" / "benchmarks"
 NAMES = {
     *(f"encode_{num}" for num in (90, 1000)),
@@ -68,6 +71,7 @@ def test_both_encodings_represent_the_motions(modules, problem):
 
 
 def test_jobs_take_turns_and_each_number_is_per_call(modules, monkeypatch):
+    timing = importlib.import_module("_timing")
     clock, order = [0], []
 
     def job(name, nanoseconds):
@@ -77,8 +81,35 @@ def test_jobs_take_turns_and_each_number_is_per_call(modules, monkeypatch):
 
         return call
 
-    monkeypatch.setattr(modules[0].time, "perf_counter_ns", lambda: clock[0])
-    times = modules[0].interleaved({"short": job("short", 100_000), "long": job("long", 3_000_000)}, 2, sample_ms=0.5)
+    monkeypatch.setattr(timing.time, "perf_counter_ns", lambda: clock[0])
+    times = timing.interleaved({"short": job("short", 100_000), "long": job("long", 3_000_000)}, 2, sample_ms=0.5)
     assert times == {"short": pytest.approx([0.1, 0.1]), "long": pytest.approx([3.0, 3.0])}
     one_round = ["short"] * 6 + ["long"] * 2
     assert order[-16:] == one_round * 2
+
+
+@pytest.mark.slow
+def test_perception_leaves_medians_and_memory(modules, tmp_path, capsys):
+    benchmark = importlib.import_module("perception").run
+    small = ["repetitions=1", "moments=2", "frames=12"]
+    metrics = benchmark.execute(benchmark.compose(small), tmp_path)
+    names = {"render_rgbd_3", "render_colour_960", "noise", "track_3", "fuse_3"}
+    assert {name for name in metrics if name.startswith("ms/")} == {f"ms/{name}" for name in names}
+    assert all(metrics[f"ms/{name}"] > 0 for name in names) and metrics["memory/growth_mb"] >= 0
+    assert "render_colour_960" in capsys.readouterr().out
+    assert set(benchmark.compose().targets) <= names
+
+
+def test_open3d_fuses_to_as_many_points(modules):
+    jobs = importlib.import_module("_perception_jobs")
+    frame = a_wall()
+    ours = fuse([frame], ((-1.0, 1.0), (-1.0, 1.0), (0.5, 3.0)), 0.05)
+    theirs = jobs.open3d_fused([frame], ((-1.0, 1.0), (-1.0, 1.0), (0.5, 3.0)), 0.05)
+    # open3d's grid begins at the smallest coordinate, which cuts other rows of voxels at the rim
+    assert len(ours) == pytest.approx(len(theirs.points), rel=0.1)
+
+
+def a_wall():
+    camera = Intrinsics(128, 96, 110.0, 110.0, 63.5, 47.5)
+    depth = np.full((96, 128), 2.01, np.float32)
+    return RGBDFrame(np.full((96, 128, 3), 90, np.uint8), depth, depth > 0, camera, np.eye(4), 0.0)

@@ -23,7 +23,8 @@ from eaip_prob.perception._bundle import Bundle, cross_matrix, left_jacobian
 from eaip_prob.perception.board import BoardCorners
 from eaip_prob.perception.board_view import BoardView
 from eaip_prob.perception.calibration import calibrate
-from eaip_prob.perception.extrinsics import workspace_error
+from eaip_prob.perception.extrinsics import Extrinsics, workspace_error
+from eaip_prob.perception.lens_std import LensStd
 
 INTRINSICS = {name: COLOR for name in CAMERAS}
 COVARIANCE = np.diag([ROTATION_STD**2] * 3 + [POSITION_STD**2] * 3)
@@ -75,8 +76,9 @@ def test_uncertain_boards_average_out():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("lens_std", [None, LensStd()])
 @pytest.mark.parametrize("uncertain", [False, True])
-def test_covariances_are_those_of_the_errors(uncertain):
+def test_covariances_are_those_of_the_errors(uncertain, lens_std):
     rng = np.random.default_rng(4)
     distances = []
     for _ in range(25):
@@ -84,9 +86,9 @@ def test_covariances_are_those_of_the_errors(uncertain):
         told = disturbed(poses, rng) if uncertain else poses
         views = seen_corners(poses, rng, pixel_std=0.1)
         views = thinned(views, 3)
-        found = calibrate(
-            views, BOARD, INTRINSICS, told, COVARIANCE if uncertain else None, pixel_std=0.1, min_boards=1
-        )
+        lenses = INTRINSICS if lens_std is None else {name: lens_std.drawn(COLOR, rng) for name in CAMERAS}
+        known = COVARIANCE if uncertain else None
+        found = calibrate(views, BOARD, lenses, told, known, pixel_std=0.1, min_boards=1, lens_std=lens_std)
         gaps = gaps_of(found)
         for name, one in found.items():
             distances.append(gaps[name] @ np.linalg.solve(one.covariance, gaps[name]))
@@ -104,6 +106,77 @@ def replace_corners(view, ids, pixels):
     return replace(view, corners=BoardCorners(ids, pixels))
 
 
+LENS_STD = LensStd()
+
+
+@pytest.mark.parametrize("uncertain", [False, True])
+def test_a_wrong_lens_is_refined(uncertain):
+    rng = np.random.default_rng(14)
+    poses = board_poses(12, rng)
+    views = seen_corners(poses, rng, pixel_std=0.02)
+    told = disturbed(poses, rng) if uncertain else poses
+    lenses = {name: LENS_STD.drawn(COLOR, rng) for name in CAMERAS}
+    known = (told, COVARIANCE if uncertain else None, 0.02)
+    found = calibrate(views, BOARD, lenses, *known, lens_std=LENS_STD)
+    exact = calibrate(views, BOARD, lenses, *known)
+    assert error_of(found).millimetres < 5.0 < 0.5 * error_of(exact).millimetres
+    for name in CAMERAS:
+        assert abs(found[name].intrinsics.fx - COLOR.fx) < 0.3 * abs(lenses[name].fx - COLOR.fx) + 0.5
+        assert exact[name].intrinsics == lenses[name]
+
+
+def test_what_is_exact_of_a_lens_stays():
+    rng = np.random.default_rng(15)
+    poses = board_poses(9, rng)
+    given = replace(COLOR, fx=1063.0, distortion=(0.054, -0.068, 0.001, -0.001, 0.002))
+    views = thinned(seen_corners(poses, rng), 4)
+    found = calibrate(
+        views, BOARD, dict.fromkeys(CAMERAS, given), poses, lens_std=LensStd(5.0, 0.0, (0.01, 0.0, 0.0, 0.0, 0.0))
+    )
+    for one in found.values():
+        assert (one.intrinsics.cx, one.intrinsics.distortion[1:]) == (given.cx, given.distortion[1:])
+        assert one.intrinsics.fx != given.fx and one.intrinsics.distortion[0] != given.distortion[0]
+
+
+def test_views_that_scatter_count_less():
+    rng = np.random.default_rng(16)
+    poses = board_poses(12, rng)
+    views = seen_corners(poses, rng, pixel_std=0.02)
+    bad = [
+        replace_corners(view, view.corners.ids, view.corners.pixels + rng.normal(0.0, 0.5, view.corners.pixels.shape))
+        if view.board in (1, 5, 9)
+        else view
+        for view in views
+    ]
+    error = error_of(calibrate(bad, BOARD, INTRINSICS, poses, pixel_std=0.02))
+    without = error_of(calibrate([one for one in views if one.board not in (1, 5, 9)], BOARD, INTRINSICS, poses))
+    assert error.millimetres < 1.5 * without.millimetres + 0.02
+
+
+@pytest.mark.parametrize(
+    "changes", [{"focal": -1.0}, {"centre": np.inf}, {"distortion": (0.1, 0.1)}, {"distortion": (0, 0, 0, 0, np.nan)}]
+)
+def test_bad_deviations_of_a_lens_are_refused(changes):
+    with pytest.raises(InputError, match="Expected standard deviations not below zero"):
+        LensStd(**changes)
+
+
+def test_the_predicted_error_is_that_of_drawn_poses():
+    rng = np.random.default_rng(17)
+    root = rng.normal(0.0, 1e-4, (6, 6)) * np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])[:, None]
+    one = Extrinsics(CAMERAS["left"], root @ root.T, 0.1, 5, COLOR)
+    squares = []
+    for draw in rng.normal(size=(1000, 6)) @ root.T:
+        moved = one.T_world_camera.copy()
+        moved[:3, :3] = Rotation.from_rotvec(draw[:3]).as_matrix() @ moved[:3, :3]
+        moved[:3, 3] += draw[3:]
+        squares.append(workspace_error([moved], [one.T_world_camera], WORKSPACE).position ** 2)
+    spread = np.std(squares) / np.sqrt(len(squares))
+    assert abs(np.mean(squares) - one.workspace_std(WORKSPACE) ** 2) < 4.0 * spread
+    with pytest.raises(ShapeError, match="points of the workspace"):
+        one.workspace_std(np.zeros((0, 3)))
+
+
 def test_one_wrong_board_does_not_move_the_cameras():
     rng = np.random.default_rng(5)
     poses = board_poses(12, rng)
@@ -113,15 +186,16 @@ def test_one_wrong_board_does_not_move_the_cameras():
     assert error_of(calibrate(views, BOARD, INTRINSICS, told)).millimetres < 6.0
 
 
+@pytest.mark.parametrize("lens_std", [None, LensStd().vector])
 @pytest.mark.parametrize("whitening", [None, np.diag([1.0, 2.0, 3.0, 0.5, 0.7, 0.9]) + 0.1])
-def test_derivatives_are_those_of_finite_differences(whitening):
+def test_derivatives_are_those_of_finite_differences(whitening, lens_std):
     rng = np.random.default_rng(6)
     camera = replace(COLOR, distortion=(0.05, -0.07, 0.004, -0.003, 0.01))
     poses = np.column_stack([rng.normal(0.0, 0.4, (2, 3)), rng.uniform(-0.3, 0.3, (2, 3))])
     cameras = np.column_stack([rng.normal(0.0, 0.3, (2, 3)), [[0.1, 0.2, 2.0], [-0.2, 0.1, 1.7]]])
     bundle = Bundle(
         [camera, COLOR], np.array([0, 0, 1, 1]), np.array([0, 1, 1, 0]), rng.uniform(-0.3, 0.3, (4, 3)),
-        np.zeros((4, 2)), poses, whitening, 0.5,
+        np.zeros((4, 2)), poses, whitening, np.array([0.5, 0.6, 0.7, 0.8]), lens_std,
     )  # fmt: skip
     at = bundle.start(cameras) + rng.normal(0.0, 0.02, bundle.start(cameras).shape)
     numeric = np.array(

@@ -3,10 +3,11 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from camera_rig import CAMERAS
+from camera_rig import CAMERAS, COLOR
 
 from eaip_prob.errors import DataFileError, InputError, MissingDataError, ShapeError
 from eaip_prob.perception.calibration_file import load_extrinsics, save_extrinsics
@@ -18,7 +19,10 @@ def some():
     result = {}
     for index, (name, pose) in enumerate(CAMERAS.items()):
         root = rng.normal(0.0, 1e-3, (6, 6))
-        result[name] = Extrinsics(pose, root @ root.T, residual=0.1 + index / 3.0, num_boards=20 + index)
+        lens = replace(COLOR, fx=1060.0 + index / 3.0, distortion=(0.05 / (index + 3.0), -0.07, 0.0, 1e-4, 0.0))
+        result[name] = Extrinsics(
+            pose, root @ root.T, residual=0.1 + index / 3.0, num_boards=20 + index, intrinsics=lens
+        )
     return result
 
 
@@ -28,6 +32,7 @@ def test_poses_come_back_to_the_last_digit(tmp_path):
     for name, one in load_extrinsics(path).items():
         np.testing.assert_array_equal(one.T_world_camera, before[name].T_world_camera)
         np.testing.assert_array_equal(one.covariance, before[name].covariance)
+        assert one.intrinsics == before[name].intrinsics
         assert (one.residual, one.num_boards) == (before[name].residual, before[name].num_boards)
     assert [file.name for file in path.parent.iterdir()] == ["kinects.json"]
 
@@ -53,6 +58,10 @@ def test_a_changed_digit_is_refused(tmp_path, place):
         load_extrinsics(path)
 
 
+def lens(**changes):
+    return asdict(COLOR) | changes
+
+
 def changed(content, **changes):
     content = json.loads(json.dumps(content))
     del content["checksum"]
@@ -67,7 +76,8 @@ def changed(content, **changes):
         (lambda text: "", "no JSON"),
         (lambda text: "[" * 100_000, "no JSON"),
         (lambda text: "[]", "another kind"),
-        (lambda text: text.replace('"version": 1', '"version": 2'), "another kind or version"),
+        (lambda text: text.replace('"version": 2', '"version": 3'), "another version, 3"),
+        (lambda text: text.replace('"version": 2', '"version": 1'), "version 1, which lacks the lens"),
         (lambda text: text.replace("left", "lost"), "check sum"),
         (lambda text: json.dumps({**changed(json.loads(text)), "cameras": {}}), "no cameras"),
         (lambda text: json.dumps(changed(json.loads(text), extra=1)), "without exactly"),
@@ -76,6 +86,9 @@ def changed(content, **changes):
         (lambda text: json.dumps(changed(json.loads(text), covariance=(-np.eye(6)).tolist())), "negative variance"),
         (lambda text: json.dumps(changed(json.loads(text), residual=float("nan"))), "residual"),
         (lambda text: json.dumps(changed(json.loads(text), residual=None)), "camera 'left'"),
+        (lambda text: json.dumps(changed(json.loads(text), intrinsics={"fx": 1.0})), "camera 'left'"),
+        (lambda text: json.dumps(changed(json.loads(text), intrinsics=lens(fx=-1.0))), "focal lengths above zero"),
+        (lambda text: json.dumps(changed(json.loads(text), intrinsics=lens(distortion=None))), "camera 'left'"),
         (lambda text: json.dumps(changed(json.loads(text), num_boards=float("inf"))), "camera 'left'"),
     ],
 )
@@ -132,5 +145,6 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
 )
 def test_bad_extrinsics_are_refused(changes, error, message):
     given = {"T_world_camera": np.eye(4), "covariance": np.eye(6), "residual": 0.1, "num_boards": 3} | changes
+    given["intrinsics"] = COLOR
     with pytest.raises(error, match=message):
         Extrinsics(**given)

@@ -193,3 +193,32 @@ def test_hidden_hand_does_not_jump_to_a_ball_that_never_moved():
     _, _, found = follow(reach, 25, more=[ball], hide=lambda t: t > 0.59)
     assert found[17].seen.all() and not found[-1].seen[1]
     assert np.linalg.norm(found[-1].position[1] - ball[0]) > 0.08
+
+
+def test_hands_go_on_three_frames_and_are_held_while_all_cameras_fail():
+    tracker = GloveTracker(radius=RADIUS)
+    state = tracker.init()
+    for step in range(6):
+        _, state = tracker.step([at(step / 30)], state)
+    before = state.mean.copy()
+    said = [tracker.step([], state, time)[0] for time in np.arange(5, 20) / 30 + 1e-6]
+    assert [one.seen.all() for one in said] == [True] * 4 + [False] * 11
+    assert [round(30 * one.time) for one in said] == list(range(5, 20))
+    held = np.stack([one.position for one in said[4:]])
+    np.testing.assert_allclose(held, np.broadcast_to(held[0], held.shape), atol=1e-12)
+    np.testing.assert_allclose(said[3].position, before[:, :3] + before[:, 3:] * 3 / 30, atol=1e-6)
+    spread = [one.covariance[0].trace() for one in said]
+    # the speed that hands may have, and what is known of the last one, over ten and a half frames
+    speeds = 0.5**2 + (before[0, 3:] ** 2).mean()
+    assert np.all(np.diff(spread) > 0) and spread[-1] / 3 == pytest.approx(speeds * (10.5 / 30) ** 2, rel=0.1)
+    assert np.array_equal(state.mean, before)
+    assert np.array_equal(tracker.step([], state)[0].position, before[:, :3])
+
+
+def test_a_time_that_is_asked_for_leaves_the_next_frames_alone():
+    tracker = GloveTracker(radius=RADIUS)
+    plain = asked = tracker.init()
+    for step in range(5):
+        _, plain = tracker.step([at(step / 30)], plain)
+        _, asked = tracker.step([at(step / 30)], asked, time=step / 30 + 0.1)
+    assert np.array_equal(plain.mean, asked.mean) and plain.time == asked.time

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 import torch
 
+from eaip_prob.data.frames import Intrinsics, RGBDFrame
 from eaip_prob.errors import InputError, ShapeError
 from eaip_prob.recording import AbstractRunLogger, Moment, NullLogger
 from eaip_prob.recording.rerun_logger import RerunLogger
 
 AT = Moment(2, 0.1)
+DEPTH = np.ones((3, 4), np.float32)
+FRAME = RGBDFrame(np.zeros((3, 4, 3), np.uint8), DEPTH, DEPTH > 0, Intrinsics(4, 3, 4.0, 4.0, 2.0, 1.0), np.eye(4), 0.1)
 TIME = [0.0, 0.1, 0.3]
 MEAN = [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]]
 
@@ -33,6 +36,10 @@ def test_every_call_is_accepted(logger):
     logger.prediction("g", TIME, MEAN, ["x", "y"], at=AT, lower=MEAN, upper=MEAN, samples=[MEAN], observed=MEAN[:2])
     logger.text("h", "# Title", at=AT)
     logger.array("i", 3.0, [])
+    logger.camera("j", FRAME, at=AT)
+    logger.cloud("k", torch.zeros(2, 3), np.zeros((2, 3), np.uint8), radius=0.01, at=AT)
+    logger.points("l", [[0, 0, 1]], radius=2.0, color=(1, 2, 3, 4), labels=["m"], at=AT)
+    logger.ellipsoids("n", torch.zeros(1, 3), [np.eye(3)], level=0.5, color=(1, 2, 3), labels=["o"], at=AT)
 
 
 def test_the_null_logger_takes_the_arguments_of_the_other():

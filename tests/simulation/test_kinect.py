@@ -90,10 +90,10 @@ def test_the_bag_hangs_from_the_four_hands():
 def test_a_clip_is_rendered_once_and_read_back_unchanged(tmp_path):
     cameras = (small_camera((0.0, 1.5, 1.0), (1.0, 0.0, -0.3)), small_camera((0.0, -1.5, 1.0), (1.0, 0, -0.3), "right"))
     clip = Clip(Workspace(Cube()), cameras, np.array([0.0, 1 / 30]), HANDS, GRIPPERS, KinectNoise(), seed=4)
-    first = clip.frames(tmp_path)
-    (path,) = tmp_path.iterdir()
+    first = list(clip.frames(tmp_path))
+    (path,) = tmp_path.glob("*/*")
     written = path.stat().st_mtime_ns
-    again = clip.frames(tmp_path)
+    again = list(clip.frames(tmp_path))
     assert path.stat().st_mtime_ns == written
     for one, other in zip(sum(first, []), sum(again, []), strict=True):
         assert (one.name, one.time) == (other.name, other.time)
@@ -110,7 +110,28 @@ def test_whatever_changes_the_frames_changes_the_key():
         Clip(Workspace(Cube()), **scene_of, seed=1).key(),
         Clip(Workspace(Cube()), **scene_of, noise=KinectNoise(offset=0.01)).key(),
         Clip(Workspace(Cube()), **(scene_of | {"hands": HANDS + 0.001})).key(),
+        Clip(Workspace(Cube()), **scene_of, lip=HANDS + 0.001).key(),
         Clip(Workspace(Cube()), **(scene_of | {"cameras": (small_camera((0.0, 1.0, 1.0)),)})).key(),
     }
-    assert len(keys) == 7 and Clip(Workspace(Cube()), **scene_of).key() in keys
+    assert len(keys) == 8 and Clip(Workspace(Cube()), **scene_of).key() in keys
     assert two_boxes().index("red") == 1
+
+
+@pytest.mark.parametrize("noise", [KinectNoise(), KinectNoise(step=0.0007)])
+def test_a_clip_that_was_interrupted_goes_on_with_the_reel_that_is_missing(tmp_path, noise):
+    camera, count = small_camera(), 32
+    hands, grippers = (np.repeat(array[:1], count, axis=0) for array in (HANDS, GRIPPERS))
+    clip = Clip(Workspace(Cube()), (camera,), np.arange(count) / 30, hands, grippers, noise)
+    for _, _ in zip(range(30), clip.frames(tmp_path), strict=False):
+        pass
+    (path,) = tmp_path.glob("*/*")
+    written = path.stat().st_mtime_ns
+    resumed = list(clip.frames(tmp_path))
+    assert path.stat().st_mtime_ns == written and len(list(tmp_path.glob("*/*"))) == 2
+    whole = [*clip.render(0), *clip.render(30)]
+    assert len(resumed) == len(whole) == count
+    for (one,), (other,) in zip(resumed, whole, strict=True):
+        assert one.time == other.time and one.depth.dtype == np.float32
+        assert all(np.array_equal(getattr(one, k), getattr(other, k)) for k in ("color", "depth", "valid"))
+    # the noise of a reel is its own
+    assert not np.array_equal(whole[0][0].depth, whole[30][0].depth)

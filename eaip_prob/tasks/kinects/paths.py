@@ -3,12 +3,13 @@
 The person faces the robot, so that the left hand is at negative y (world frame: x from the robot to the person, y to
 the robot's left, z up). Between way-points hands move with least jerk, and rest at each.
 
-| scenario | what happens |
+| motion | what happens |
 |---|---|
 | free | both hands rise, draw the bag over the object and come down |
 | touching | the gloves meet, stay together and part |
 | crossing | the hands change sides, one passing above the other, and change back |
-| shelf | one hand reaches down behind the object, where little of it is seen, and comes back |
+| shelf | one hand reaches into the object, a shelf that is open towards the person, where no camera sees it |
+| bag | one hand lets go of the bag, reaches below its cloth, where no camera sees it, and comes back |
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from eaip_prob.errors import InputError
 RATE = 30.0  # frames a second of a Kinect
 
 _Point = tuple[float, float, float]
-SCENARIOS: Mapping[str, Sequence[tuple[float, _Point, _Point]]] = {  # (s, left hand, right hand), m in the world
+MOTIONS: Mapping[str, Sequence[tuple[float, _Point, _Point]]] = {  # (s, left hand, right hand), m in the world
     "free": (
         (0.0, (1.35, -0.28, 0.05), (1.35, 0.28, 0.05)),
         (1.2, (1.25, -0.32, 0.50), (1.25, 0.30, 0.45)),
@@ -43,11 +44,25 @@ SCENARIOS: Mapping[str, Sequence[tuple[float, _Point, _Point]]] = {  # (s, left 
         (2.4, (1.30, -0.22, 0.48), (1.28, 0.22, 0.32)),
     ),
     "shelf": (
-        (0.0, (1.35, -0.25, 0.25), (1.35, 0.28, 0.30)),
-        (0.9, (1.22, -0.05, -0.45), (1.30, 0.32, 0.30)),
-        (1.6, (1.20, -0.02, -0.50), (1.28, 0.32, 0.32)),
-        (2.6, (1.35, -0.25, 0.25), (1.35, 0.28, 0.30)),
+        (0.0, (1.38, -0.25, 0.20), (1.35, 0.28, 0.30)),
+        (0.8, (1.32, -0.08, -0.18), (1.30, 0.32, 0.30)),
+        (1.4, (1.02, -0.04, -0.18), (1.30, 0.32, 0.32)),
+        (1.9, (1.02, 0.02, -0.20), (1.30, 0.32, 0.32)),
+        (2.5, (1.32, -0.08, -0.18), (1.28, 0.32, 0.32)),
+        (3.2, (1.38, -0.25, 0.20), (1.35, 0.28, 0.30)),
     ),
+    "bag": (
+        (0.0, (1.32, -0.30, 0.35), (1.32, 0.30, 0.35)),
+        (0.5, (1.32, -0.30, 0.35), (1.42, 0.26, 0.12)),
+        (1.1, (1.32, -0.30, 0.35), (1.05, 0.10, 0.06)),
+        (1.6, (1.32, -0.30, 0.36), (1.02, 0.02, 0.08)),
+        (2.2, (1.32, -0.30, 0.36), (1.42, 0.26, 0.12)),
+        (2.7, (1.32, -0.30, 0.35), (1.36, 0.34, 0.33)),
+    ),
+}
+_LIPS: Mapping[str, tuple[_Point, _Point]] = {
+    "shelf": ((1.38, -0.25, 0.20), (1.35, 0.28, 0.30)),
+    "bag": ((1.32, -0.30, 0.35), (1.32, 0.30, 0.35)),
 }
 
 
@@ -58,6 +73,7 @@ class HandPath:
     Args:
         time: (T,), s.
         position: (T, 2, 3), centres of the gloves in the world, m.
+        lip: (2, 3), where the person's edge of the bag stays, m; None while both hands carry it.
 
     Example:
         >>> HandPath(np.zeros(1), np.zeros((1, 2, 3))).grippers[0, 0].tolist()
@@ -66,38 +82,44 @@ class HandPath:
 
     time: Float[np.ndarray, "time"]
     position: Float[np.ndarray, "time hands 3"]
+    lip: Float[np.ndarray, "sides 3"] | None = None
 
     @property
     def grippers(self) -> Float[np.ndarray, "time hands 3"]:
         """Where the robot's left and right gripper rest meanwhile, m."""
-        rest = np.array([[0.75, 0.3, 0.1], [0.75, -0.3, 0.1]])
-        return np.broadcast_to(rest, (len(self.time), 2, 3)).copy()
+        return np.tile([[0.75, 0.3, 0.1], [0.75, -0.3, 0.1]], (len(self.time), 1, 1))
+
+    @property
+    def lips(self) -> Float[np.ndarray, "time sides 3"]:
+        """Where the person's edge of the bag is held, m."""
+        return self.position if self.lip is None else np.tile(self.lip, (len(self.time), 1, 1))
 
 
-def hand_path(scenario: str, rate: float = RATE) -> HandPath:
-    """The hands of one scenario, frame by frame.
+def hand_path(motion: str, rate: float = RATE) -> HandPath:
+    """The hands of one motion, frame by frame.
 
     Args:
-        scenario: one of `SCENARIOS`.
+        motion: one of `MOTIONS`.
         rate: frames a second.
 
     Raises:
-        InputError: an unknown scenario, or a rate not above zero.
+        InputError: an unknown motion, or a rate not above zero.
 
     Example:
         >>> path = hand_path("crossing")
         >>> path.time.shape, bool(path.position[36, 0, 1] > path.position[36, 1, 1])
         ((73,), True)
     """
-    if scenario not in SCENARIOS:
-        raise InputError(f"Expected a scenario among {tuple(SCENARIOS)}, got {scenario!r}.")
+    if motion not in MOTIONS:
+        raise InputError(f"Expected a motion among {tuple(MOTIONS)}, got {motion!r}.")
     if not rate > 0:
         raise InputError(f"Expected rate above zero, got {rate}. Give frames a second.")
-    points = SCENARIOS[scenario]
+    points = MOTIONS[motion]
     at = np.array([point[0] for point in points])
     hands = np.array([point[1:] for point in points])
     time = np.arange(round(at[-1] * rate) + 1) / rate
     place = np.clip(np.searchsorted(at, time, side="right") - 1, 0, len(at) - 2)
     share = np.clip((time - at[place]) / (at[place + 1] - at[place]), 0.0, 1.0)
     least_jerk = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-    return HandPath(time, hands[place] + least_jerk[:, None, None] * (hands[place + 1] - hands[place]))
+    position = hands[place] + least_jerk[:, None, None] * (hands[place + 1] - hands[place])
+    return HandPath(time, position, np.array(_LIPS[motion]) if motion in _LIPS else None)

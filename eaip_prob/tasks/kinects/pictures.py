@@ -52,7 +52,7 @@ def draw_errors(folder: Path, paths: Mapping[str, HandPath], states: Mapping[str
             error, seen = _errors(path, states[name], hand)
             ax.plot(path.time, error, color=color, label=f"{side} hand")
             ax.plot(path.time[~seen], error[~seen], "x", color=color, label=f"{side} hand, not seen")
-        ax.set(title=name, xlabel="time (s)", ylabel="distance from the glove (mm)", yscale="log", ylim=(0.05, 300.0))
+        ax.set(title=name, xlabel="time (s)", ylabel="distance from the glove (mm)", yscale="log", ylim=(0.2, 1000.0))
     for ax in axes[len(paths) :]:
         ax.set_visible(False)
     outside_legend(figure)

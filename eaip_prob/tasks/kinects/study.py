@@ -43,22 +43,28 @@ class TrackingScores:
         return {name: float(value) for name, value in vars(self).items() if not np.isnan(value)}
 
 
-def followed(tracker: AbstractHandTracker, frames: Iterable[Sequence[RGBDFrame]]) -> list[HandState | None]:
-    """What a tracker says after each set of frames; None until it has seen both hands.
+def followed(
+    tracker: AbstractHandTracker, frames: Iterable[Sequence[RGBDFrame]], time: Float[np.ndarray, "time"]
+) -> list[HandState | None]:
+    """What a tracker says at each time; None until it has seen both hands.
 
     Args:
         tracker: begins anew.
         frames: of all cameras that delivered one, time by time.
+        time: (T,), s.
+
+    Raises:
+        ValueError: another number of sets of frames.
 
     Example:
         >>> from eaip_prob.perception.gloves import GloveTracker
-        >>> followed(GloveTracker(radius=0.05), [[], []])
+        >>> followed(GloveTracker(radius=0.05), [[], []], np.array([0.0, 0.1]))
         [None, None]
     """
     state, hands = tracker.init(), []
-    for step in frames:
-        now, state = tracker.step(step, state)
-        hands.append(now)
+    for step, now in zip(frames, time, strict=True):
+        found, state = tracker.step(step, state, float(now))
+        hands.append(found)
     return hands
 
 
