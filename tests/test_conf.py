@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
+from detection_world import SAID, tiny_network
 from omegaconf import OmegaConf
 
 from eaip_prob.config import build, conf_dir
@@ -23,6 +25,7 @@ PLACES = {
     "task": ("passing_over", "task", "task"),
     "object": ("kinects", "object@workspace.thing", "workspace.thing"),
     "objects": ("kinects", "+objects", "objects"),
+    **{group: ("detection", group, group) for group in ("detector", "encoder")},
     **{group: ("kinects", group, group) for group in ("camera", "kinect_noise", "rig", "tracker", "workspace")},
 }
 OPEN = {"features/distance": ["predictor.features.offsets=[x,y]"]}
@@ -58,6 +61,8 @@ def test_an_option_is_built(name, tmp_path):
         assert [build(candidate) for candidate in several] or option == "chosen"
         return
     further = {"path": tmp_path / "a.rrd", **FURTHER[name]} if name in FURTHER else {}
+    if name == "detector/onnx":
+        part.path = str(tiny_network(tmp_path / "net.onnx", np.zeros((1, 24, 1, 2)), said=SAID))
     target = build(part, **further)
     written = yaml.safe_load((conf_dir() / f"{name}.yaml").read_text())
     assert f"{type(target).__module__}.{type(target).__qualname__}".startswith(

@@ -3,7 +3,7 @@
 matplotlib is imported inside the functions, so that importing this part costs nothing.
 """
 
-from eaip_prob.figures.charts import coverage_plot, pit_histogram, score_lines, signed_log
+from eaip_prob.figures.charts import coverage_plot, pit_histogram, score_label, score_lines, signed_log
 from eaip_prob.figures.paths import paths_panel
 from eaip_prob.figures.style import (
     METHOD_STYLES,
@@ -26,6 +26,7 @@ __all__ = [
     "pit_histogram",
     "rgb",
     "save_figure",
+    "score_label",
     "score_lines",
     "signed_log",
 ]

@@ -16,6 +16,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Number = float | int
+_SCORES = {
+    "coverage90": "share inside the 90 % interval",
+    "dtw": "DTW distance{unit}",
+    "nll": "negative log density (nats per sample)",
+    "rmse": "rmse of the future{unit}",
+    "seconds": "time (s)",
+    "success": "share of plans that pass",
+}
+
+
+def score_label(score: str, unit: str = "") -> str:
+    """What an axis of a score is called, the same in all figures; the score's own name where it is not known.
+
+    Args:
+        score: `rmse`, `nll`, `coverage90`, `dtw`, `success` or `seconds`.
+        unit: of errors, such as px; left out where empty.
+
+    Example:
+        >>> score_label("rmse", "px"), score_label("ratio")
+        ('rmse of the future (px)', 'ratio')
+    """
+    return _SCORES.get(score, score).format(unit=f" ({unit})" if unit else "")
 
 
 def score_lines(

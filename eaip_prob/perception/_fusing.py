@@ -35,9 +35,10 @@ def crop_points(depth, valid, rays, pose, bounds, points, places):
 
 
 @njit(cache=True, nogil=True)
-def merge_voxels(points, colors, seen, weight, voxel, table, sums, count):
+def merge_voxels(points, colors, seen, weight, voxel, table, sums, count, half):
     """Number of voxels, `count` before; adds up in `sums` (N, 8) weighted x, y, z, weight, red, green, blue, number.
 
+    Only voxels of one half (0 or 1) count, so that both halves can be merged at one time.
     `table` (a power of two, 2), all -1, is a hash table from a voxel's key to its row: eight sums lie together, since
     what this costs is memory that is not in the cache.
     """
@@ -47,6 +48,8 @@ def merge_voxels(points, colors, seen, weight, voxel, table, sums, count):
         key = np.int64(0)
         for axis in range(3):
             key = (key << KEY_BITS) | (np.int64(math.floor(points[i, axis] / voxel)) + HALF)
+        if ((key * MIX) >> 20) & 1 != half:
+            continue
         row = row if key == before else _row(key, table, shift, count)
         before, count = key, max(count, row + 1)
         for axis in range(3):

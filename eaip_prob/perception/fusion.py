@@ -84,6 +84,7 @@ def fuse(frames: Sequence[RGBDFrame], crop: Crop | None = None, voxel: float = 0
         InputError: no frame, a voxel not above zero, or points a million voxels from the origin.
 
     Example:
+        >>> from eaip_prob.data import Intrinsics
         >>> camera = Intrinsics(4, 3, 4.0, 4.0, 1.5, 1.0)
         >>> depth = np.full((3, 4), 2.0, dtype=np.float32)
         >>> color = np.full((3, 4, 3), 90, dtype=np.uint8)
@@ -94,9 +95,13 @@ def fuse(frames: Sequence[RGBDFrame], crop: Crop | None = None, voxel: float = 0
     if not frames or not voxel > 0:
         raise InputError(f"Expected at least one frame and a voxel above zero, got {len(frames)} frames, {voxel} m.")
     bounds = _bounds(crop)
-    with ThreadPoolExecutor(min(len(frames), os.cpu_count() or 1)) as pool:  # the loops release the interpreter
+    # the compiled loops release the interpreter
+    with ThreadPoolExecutor(min(max(len(frames), 2), os.cpu_count() or 1)) as pool:
         parts = list(pool.map(lambda frame: _cropped(frame, bounds), frames))
-    return _merged(parts, voxel)
+        _check_near(parts, voxel)
+        halves = list(pool.map(lambda half: _merged(parts, voxel, half), (0, 1)))
+    points, colors, variance = (np.concatenate(arrays) for arrays in zip(*halves, strict=True))
+    return PointCloud(points, colors, variance)
 
 
 def _bounds(crop: Crop | None) -> np.ndarray:
@@ -117,19 +122,22 @@ def _cropped(frame: RGBDFrame, bounds: np.ndarray) -> _Seen:
     return points[:count], color, seen, weight
 
 
-def _merged(parts: Sequence[_Seen], voxel: float) -> PointCloud:
+def _check_near(parts: Sequence[_Seen], voxel: float) -> None:
+    limit = voxel * HALF
+    if any(len(points) and max(points.max(), -points.min()) >= limit for points, *_ in parts):
+        raise InputError(f"Expected points within {HALF} voxels of the origin. Crop the space, or use larger voxels.")
+
+
+def _merged(parts: Sequence[_Seen], voxel: float, half: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, colours and variances of one half of the voxels, those whose key says so."""
     total = sum(len(part[0]) for part in parts)
-    table = np.full((2 ** (total.bit_length() + 1), 2), -1, np.int64)
+    table = np.full((2 ** total.bit_length(), 2), -1, np.int64)  # as small as it can be: it has to stay in the cache
     sums, count = np.zeros((total, 8)), 0
     for points, colors, seen, weight in parts:
-        if len(points) and np.abs(points).max() >= voxel * HALF:
-            raise InputError(
-                f"Expected points within {HALF} voxels of the origin. Crop the space, or use larger voxels."
-            )
-        count = merge_voxels(points, colors, seen, weight, voxel, table, sums, count)
+        count = merge_voxels(points, colors, seen, weight, voxel, table, sums, count, half)
     sums = sums[:count]
     color = np.rint(sums[:, 4:7] / np.maximum(sums[:, 7:], 1.0)).astype(np.uint8)
-    return PointCloud(sums[:, :3] / sums[:, 3:4], color, 1.0 / sums[:, 3])
+    return sums[:, :3] / sums[:, 3:4], color, 1.0 / sums[:, 3]
 
 
 def to_open3d(cloud: PointCloud) -> Any:

@@ -127,6 +127,7 @@ def glove_points(frame: RGBDFrame, window: GloveColor | None = None, largest: fl
         largest: m; what is wider or higher than this at 0.5 m from the camera is no glove.
 
     Example:
+        >>> from eaip_prob.data import Intrinsics
         >>> camera = Intrinsics(9, 9, 9.0, 9.0, 4.0, 4.0)
         >>> green = np.full((9, 9, 3), (30, 180, 60), dtype=np.uint8)
         >>> depth = np.full((9, 9), 2.0, dtype=np.float32)

@@ -13,7 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eaip_prob.figures import method_styles, new_figure, outside_legend, save_figure, score_lines, signed_log
+from eaip_prob.figures import (
+    method_styles,
+    new_figure,
+    outside_legend,
+    save_figure,
+    score_label,
+    score_lines,
+    signed_log,
+)
 from eaip_prob.reports.page import MOST_FIGURES, MOST_SETTINGS, chosen_metrics
 from eaip_prob.reports.settings import Setting
 from eaip_prob.reports.statistics import Section, SeedInterval
@@ -22,14 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LABELS = {
-    "coverage90": "share inside the 90 % interval",
-    "dtw": "DTW distance{unit}",
-    "nll": "negative log density (nats per sample)",
-    "rmse": "rmse of the future{unit}",
-    "seconds": "time (s)",
-    "success": "share of plans that pass",
-}
+_SCORES = ("coverage90", "dtw", "nll", "rmse", "seconds", "success")
 _SHARES = ("coverage90", "success")
 _MUCH = 15.0  # nats per sample, so over-confident that a linear axis would hide all others
 _MOST_BANDS = 4
@@ -211,7 +212,7 @@ def _dots(chart: Chart, axis: Axis) -> Figure:
 
 def _score(chart: Chart) -> str:
     parts = chart.prefix.split("/")
-    return next((part for part in parts if part in _LABELS), parts[0])
+    return next((part for part in parts if part in _SCORES), parts[0])
 
 
 def _title(chart: Chart) -> str:
@@ -219,7 +220,7 @@ def _title(chart: Chart) -> str:
 
 
 def _label(chart: Chart, axis: Axis) -> str:
-    return _LABELS.get(_score(chart), _score(chart)).format(unit=f" ({axis.unit})" if axis.unit else "")
+    return score_label(_score(chart), axis.unit)
 
 
 def _wrapped(setting: Setting) -> str:

@@ -7,6 +7,7 @@ from eaip_prob.simulation.kinect import Kinect, KinectModel, Rig, looking_at, re
 from eaip_prob.simulation.kinect_noise import KinectNoise, camera_generators
 from eaip_prob.simulation.mesh_file import MeshFile
 from eaip_prob.simulation.meshes import Mesh, box, cylinder, ellipsoid, joined, picture, revolved, sheet, tube
+from eaip_prob.simulation.oracle import LabelledFrame, OracleDetector, TrueObject, render_labelled
 from eaip_prob.simulation.person import Person, bent
 from eaip_prob.simulation.render import Labels, Lighting, View, render_color, render_depth
 from eaip_prob.simulation.robot import Bag, BaxterShape
@@ -25,17 +26,20 @@ __all__ = [
     "Kinect",
     "KinectModel",
     "KinectNoise",
+    "LabelledFrame",
     "Labels",
     "Lighting",
     "Mesh",
     "MeshFile",
     "OfficeChair",
+    "OracleDetector",
     "Part",
     "Person",
     "Rig",
     "Scene",
     "Stepladder",
     "Table",
+    "TrueObject",
     "View",
     "Workspace",
     "bent",
@@ -48,6 +52,7 @@ __all__ = [
     "picture",
     "render_color",
     "render_depth",
+    "render_labelled",
     "render_rgbd",
     "revolved",
     "sheet",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -73,14 +74,22 @@ class Moments:
             yield hands, len(fuse(now, self.crop, self.voxel))
 
 
-def jobs(moments: Moments, seed: int) -> dict[str, Callable[[], Any]]:
-    """All operations under their names; those of `plain/` are another way to the same."""
+def jobs(moments: Moments, seed: int, folder: Path) -> dict[str, Callable[[], Any]]:
+    """All operations under their names; those of `plain/` are another way to the same.
+
+    The exported network is written to the folder.
+    """
     import numpy as np
 
+    from eaip_prob.detection import OnnxDetector
+    from eaip_prob.detection.yolo import YoloDetector, export_onnx
+    from eaip_prob.detection.yolo.detector import SHIPPED
     from eaip_prob.perception import fuse
     from eaip_prob.simulation import render_color, render_rgbd
 
     clip, places = moments.clip, itertools.count()
+    yolo, onnx = YoloDetector(), OnnxDetector(export_onnx(SHIPPED, folder / "furniture.onnx"))
+    image = render_color(clip.workspace.scene(clip.hands[30], clip.grippers[30]), moments.detector.color_view)
     generator = np.random.default_rng(seed)
 
     def turn() -> int:
@@ -103,6 +112,8 @@ def jobs(moments: Moments, seed: int) -> dict[str, Callable[[], Any]]:
         "ms/render_colour_960": lambda: render_color(scene(), moments.detector.color_view),
         "ms/noise": lambda: clip.noise.apply(*moments.clean[turn()][0], generator),
         "ms/track_3": track,
+        "ms/yolo": lambda: yolo.detect_image(image),
+        "ms/onnx": lambda: onnx.detect_image(image),
         "ms/fuse_3": lambda: fuse(moments.frames[turn()], moments.crop, moments.voxel),
         "plain/fuse_3": lambda: open3d_fused(moments.frames[turn()], moments.crop, moments.voxel),
     }

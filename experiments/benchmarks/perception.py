@@ -4,6 +4,7 @@ render_rgbd_3      three RGB-D views: depth 512 x 424, colour 480 x 270 with sha
 render_colour_960  a colour image of 960 x 540 for a detector, from building the scene on
 noise              the noise of one frame
 track_3            three frames to the position and covariance of both gloves
+yolo, onnx         a colour image of 960 x 540 to objects, by torch and by OpenCV from the exported network
 fuse_3             three frames to one coloured cloud of 1 cm voxels; beside it, by open3d's own filters
 
 All take turns, so that a busy spell of the machine falls on all of them. metrics.json holds medians (ms, plain), the
@@ -34,7 +35,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
 
     moments = Moments.of(cfg)
     before = machine()
-    times = interleaved(jobs(moments, cfg.seed), cfg.repetitions, sample_ms=0.0)
+    times = interleaved(jobs(moments, cfg.seed, folder), cfg.repetitions, sample_ms=0.0)
     line = written_beside(folder, before)
     medians = medians_of(times)
     spread = spread_of({name[3:]: sample for name, sample in times.items() if name.startswith("ms/")})

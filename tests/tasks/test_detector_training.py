@@ -10,9 +10,9 @@ from omegaconf import OmegaConf
 
 from eaip_prob.config import conf_dir
 from eaip_prob.data.frames import Intrinsics
-from eaip_prob.detection.augmentation import Augmentation
-from eaip_prob.detection.training import Training
-from eaip_prob.detection.weights_file import read_weights
+from eaip_prob.detection.yolo.augmentation import Augmentation
+from eaip_prob.detection.yolo.training import Training
+from eaip_prob.detection.yolo.weights_file import read_weights
 from eaip_prob.errors import InputError
 from eaip_prob.simulation import Bookshelf, KinectModel, Rig
 from eaip_prob.tasks.detection.training_pictures import draw_boxes, draw_losses

@@ -13,7 +13,16 @@ from torch import Tensor
 from eaip_prob.data.environment import EnvironmentFeatures
 from eaip_prob.data.resampling import held
 from eaip_prob.data.trajectory import Trajectory
-from eaip_prob.figures import method_styles, new_figure, outside_legend, paths_panel, rgb, save_figure, score_lines
+from eaip_prob.figures import (
+    method_styles,
+    new_figure,
+    outside_legend,
+    paths_panel,
+    rgb,
+    save_figure,
+    score_label,
+    score_lines,
+)
 from eaip_prob.methods import EAIP, IP, PAPER_EAIP, FittedMethods
 from eaip_prob.recording import AbstractRunLogger, Moment
 from eaip_prob.tasks.passing_over.study import PLAN_SAMPLES, SCENARIOS, Beginnings
@@ -55,14 +64,9 @@ def draw_scores(folder: Path, scores: Mapping[str, Mapping[str, float]], floor: 
             {_AXES[scenario]: lines}, "samples seen", "DTW distance to training motions (px)", log_y=True
         )
         save_figure(figure, folder, f"figure_3{letter}")
-    for score, label in {
-        "rmse": "rmse of the future (px)",
-        "nll": "negative log density (nats per sample)",
-        "coverage90": "share inside the 90 % interval",
-        "success": "share of plans that pass",
-    }.items():
+    for score in ("rmse", "nll", "coverage90", "success"):
         panels = {_AXES[scenario]: _lines(scores, scenario, score) for scenario in SCENARIOS}
-        figure = score_lines(panels, "samples seen", label, log_y=score in ("rmse", "nll"))
+        figure = score_lines(panels, "samples seen", score_label(score, "px"), log_y=score in ("rmse", "nll"))
         for ax in figure.axes:
             if score == "coverage90":
                 ax.axhline(0.9, color="#444444", linewidth=1, linestyle="--")

@@ -16,6 +16,7 @@ from eaip_prob.figures import (
     outside_legend,
     pit_histogram,
     save_figure,
+    score_label,
     score_lines,
     signed_log,
 )
@@ -51,13 +52,9 @@ def draw(folder: Path, study: Study, unit: str) -> None:
 def draw_scores(folder: Path, study: Study, unit: str) -> None:
     """Rmse, nll and coverage of every method against the share seen."""
     summaries = study.summaries()
-    for score, label in {
-        "rmse": f"rmse of the future ({unit})",
-        "nll": "negative log density (nats per sample)",
-        "coverage90": "share inside the 90 % interval",
-    }.items():
+    for score in ("rmse", "nll", "coverage90"):
         lines = {name: {float(p): summaries[name, p][score] for p in study.percents} for name in study.methods}
-        figure = score_lines({"": lines}, SEEN, label)
+        figure = score_lines({"": lines}, SEEN, score_label(score, unit))
         (ax,) = figure.axes
         ax.set_xticks(study.percents)
         if score == "rmse":

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eaip_prob.figures import method_styles, rgb, save_figure, score_lines, signed_log
+from eaip_prob.figures import method_styles, rgb, save_figure, score_label, score_lines, signed_log
 from eaip_prob.recording import AbstractRunLogger
 from eaip_prob.tables import text_table
 
@@ -16,11 +16,7 @@ if TYPE_CHECKING:
 
 Line = Mapping[float, float]
 Panels = Mapping[str, Mapping[str, Line]]
-LABELS = {
-    "rmse": "rmse of the future (px)",
-    "nll": "negative log density (nats per sample)",
-    "coverage90": "share inside the 90 % interval",
-}
+LABELS = {score: score_label(score, "px") for score in ("rmse", "nll", "coverage90")}
 _SHORT = {"rmse": "rmse [px]", "nll": "nll [nats]", "coverage90": "coverage of 90 %", "ratio": "rmse / environment's"}
 _MARGIN = 0.06
 _MUCH = 15.0  # nats per sample, so over-confident that a linear axis would hide all others

@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from detection_world import FLOOR, MIDDLE, SIZE, camera, cuboid, faces, found, room, seen, shelf
+
+from eaip_prob.detection.base import Detections
+from eaip_prob.detection.placing import floor_height, joined_parts, placed
+from eaip_prob.detection.placing_box import UprightBox, one_view_box, voxel_clusters
+from eaip_prob.errors import ShapeError
+from eaip_prob.perception import clusters, registered
+from eaip_prob.perception.fusion import PointCloud
+from eaip_prob.simulation import KinectNoise
+from eaip_prob.simulation.oracle import render_labelled
+
+TRUTH = np.array([*MIDDLE, FLOOR + SIZE[2] / 2, *SIZE])
+BEHIND = cuboid("person", (0.6, 0.75, FLOOR), (1.4, 1.0, 0.9), (0.2, 0.2, 0.6))
+ARM = cuboid("arm", (0.0, -0.72, -0.35), (1.6, -0.68, -0.31), (0.7, 0.1, 0.1))
+BAG = cuboid("bag", (0.4, -0.3, 0.32), (1.6, 0.5, 0.34), (0.8, 0.8, 0.8))
+
+
+def of_shelf(*others, name="right"):
+    frame = seen(room(shelf(), *others), name)
+    return placed(found(frame, frame.objects[0].box), frame), frame
+
+
+@pytest.mark.parametrize("others", [(), (BEHIND,), (BEHIND, BAG), (ARM, BAG)], ids=["alone", "behind", "bag", "arm"])
+def test_a_box_on_the_floor_is_placed_whatever_is_around(others):
+    placed_, _ = of_shelf(*others)
+    error = faces(placed_.place[0]) - faces(TRUTH)
+    assert np.abs(error).max() < 0.045  # coarse images: a pixel is 2 cm there
+    assert abs(error[2]) < 1e-3  # it stands on the floor
+
+
+def test_the_face_that_looks_away_is_the_uncertain_one():
+    right, left = (of_shelf(name=name)[0].place_covariance[0] for name in ("right", "left"))
+    for covariance in (right, left):
+        assert np.linalg.eigvalsh(covariance).min() > 0.0
+        assert covariance[4, 4] > 2.0 * covariance[5, 5] and covariance[4, 4] > 2.0 * covariance[3, 3]
+    # A far face beyond the points moves centre and length together, towards opposite sides for the two cameras.
+    assert right[1, 4] > 0.0 > left[1, 4]
+
+
+def test_registered_colour_gives_the_same_place():
+    frame = registered(seen(room(shelf())))
+    shown = np.argwhere(frame.valid & (frame.color[..., 0].astype(int) - frame.color[..., 2] > 40))
+    low, high = shown.min(0)[::-1], shown.max(0)[::-1]
+    size = (frame.color.shape[1], frame.color.shape[0])
+    detection = Detections(("table",), np.ones(1), np.array([[*(low + high) / 2, *(high - low + 1)]]), size)
+    assert placed(detection, frame).place[0] == pytest.approx(TRUTH, abs=0.07)
+
+
+def test_what_is_hidden_widens_the_covariance_on_its_side():
+    whole, frame = of_shelf()
+    wall = cuboid("wall", (0.5, -0.9, FLOOR), (0.72, -0.86, 0.9), (0.9, 0.9, 0.9))
+    hidden = seen(room(shelf(), wall))
+    answer = placed(found(hidden, frame.objects[0].box), hidden)
+    error = answer.place[0] - TRUTH
+    assert abs(error[3]) > 0.1  # what is seen is narrower
+    assert answer.place_covariance[0, 3, 3] > 25.0 * whole.place_covariance[0, 3, 3]
+    assert answer.place_covariance[0, 0, 3] < 0.0  # the lower face is the hidden one
+    assert abs(error[3]) < 3.0 * np.sqrt(answer.place_covariance[0, 3, 3])
+
+
+def test_without_enough_depth_there_is_no_place():
+    _, frame = of_shelf()
+    blind = replace(frame, valid=np.zeros_like(frame.valid))
+    for other, box in ((blind, frame.objects[0].box), (frame, np.array([30.0, 110.0, 20.0, 20.0]))):
+        answer = placed(found(other, box), other)
+        assert np.isnan(answer.place).all() and np.isnan(answer.place_covariance).all()
+    assert placed(Detections.none((240, 135)), frame).place.shape == (0, 6)
+
+
+def test_each_detection_gets_its_own_place_and_nothing_is_written_to():
+    other = cuboid("other", (0.3, -0.7, FLOOR), (0.6, -0.4, FLOOR + 0.4))
+    frame = seen(room(shelf((1.2, 0.3)), other))
+    both, _ = render_labelled(room(shelf((1.2, 0.3)), other), camera(), 0.0, {"thing": "chair", "other": "table"})
+    boxes = np.stack([one.box for one in both.objects])
+    before = (frame.depth.copy(), boxes.copy())
+    answer = placed(Detections(("chair", "table"), np.array([0.9, 0.8]), boxes, (240, 135)), frame)
+    for place, truth in zip(answer.place, both.objects, strict=True):
+        assert np.abs(faces(place) - faces(truth.place)).max() < 0.06
+    assert np.array_equal(before[0], frame.depth) and np.array_equal(before[1], boxes)
+
+
+def test_a_given_floor_is_believed():
+    _, frame = of_shelf()
+    low = placed(found(frame, frame.objects[0].box), frame, floor=FLOOR - 0.01)
+    assert faces(low.place[0])[2] == pytest.approx(FLOOR - 0.01)
+
+
+def test_boxes_of_another_image_are_refused():
+    _, frame = of_shelf()
+    with pytest.raises(ShapeError, match=r"\(240, 135\).*\(960, 540\)"):
+        placed(Detections.none((960, 540)), frame)
+
+
+def test_the_floor_is_the_lowest_plane():
+    generator = np.random.default_rng(0)
+    plane = generator.uniform(-1.0, 1.0, (4000, 3)) * [1.0, 1.0, 0.003]
+    strays = generator.uniform(-1.4, 1.0, (400, 3))
+    points = np.concatenate([plane + [0.0, 0.0, -0.93], np.repeat(plane, 3, 0) + [0.0, 0.0, -0.2], strays])
+    assert floor_height(points) == pytest.approx(-0.93, abs=1e-3)
+    assert floor_height(strays) is None and floor_height(points[:0]) is None
+
+
+def test_clusters_on_a_grid_are_those_of_a_flood():
+    generator = np.random.default_rng(1)
+    points = generator.uniform(0.0, 1.0, (1500, 3)) * [1.0, 1.0, 0.2]
+    cells = {}
+    for index, cell in enumerate(map(tuple, np.floor((points - points.min(0)) / 0.05).astype(int))):
+        cells.setdefault(cell, []).append(index)
+    left = {cell for cell, members in cells.items() if len(members) >= 3}
+    full = sorted(index for cell in left for index in cells[cell])
+    expected = set()
+    while left:
+        border, cluster = [left.pop()], []
+        while border:
+            cell = border.pop()
+            cluster += cells[cell]
+            near = {other for other in left if max(abs(a - b) for a, b in zip(cell, other, strict=True)) == 1}
+            border, left = [*border, *near], left - near
+        expected.add(frozenset(cluster))
+    labels = voxel_clusters(points, 0.05, 3)
+    assert np.flatnonzero(labels >= 0).tolist() == full and len(expected) > 3
+    assert {frozenset(np.flatnonzero(labels == k).tolist()) for k in range(labels.max() + 1)} == expected
+    assert voxel_clusters(points[:0]).shape == (0,)
+
+
+def test_clusters_of_solid_things_are_those_of_open3d():
+    generator = np.random.default_rng(2)
+    points = np.concatenate(
+        [generator.uniform(0.0, 0.3, (4000, 3)) + at for at in ([0, 0, 0], [0.5, 0, 0], [0, 0.6, 0])]
+    )
+    cloud = PointCloud(points, np.zeros(points.shape, np.uint8), np.ones(len(points)))
+    labels, others = voxel_clusters(points), clusters(cloud, 0.05)
+    pairs = {(int(one), int(other)) for one, other in zip(labels, others, strict=True) if one >= 0}
+    assert sorted(one for one, _ in pairs) == sorted(other for _, other in pairs) == [0, 1, 2]
+
+
+def test_parts_far_beside_are_not_joined():
+    points = np.array([[0.0, 0, 0], [0.3, 0.3, 0], [0.39, 0.1, 0.5], [0.1, 0.6, 0.0]])
+    parts = [np.array([0, 1]), np.array([2]), np.array([3])]
+    assert sorted(joined_parts(parts, points, least=1).tolist()) == [0, 1, 2]
+
+
+def test_covariance_of_a_box_is_that_of_its_faces():
+    generator = np.random.default_rng(3)
+    low_std, high_std = np.array([0.01, 0.02, 0.03]), np.array([0.05, 0.01, 0.02])
+    made = UprightBox.between(np.zeros(3), np.ones(3), low_std, high_std)
+    low, high = generator.normal(0.0, low_std, (40000, 3)), generator.normal(1.0, high_std, (40000, 3))
+    drawn = np.cov(np.concatenate([(low + high) / 2.0, high - low], 1), rowvar=False)
+    assert made.covariance == pytest.approx(drawn, abs=6e-5)
+    assert made.place.tolist() == [0.5, 0.5, 0.5, 1.0, 1.0, 1.0]
+
+
+def test_what_hangs_together_with_the_object_makes_all_of_it_uncertain():
+    points = np.random.default_rng(4).uniform(-0.5, 0.5, (500, 3))
+    pose = camera().T_world_camera
+    free, tangled = (
+        one_view_box(points, np.zeros(4), pose, -0.5, held).covariance.diagonal() for held in (False, True)
+    )
+    assert (tangled > 1.5 * free).all()
+
+
+@pytest.mark.slow
+def test_the_covariance_is_calibrated_over_noisy_views():
+    generator, distances = np.random.default_rng(5), []
+    for _ in range(25):
+        size = generator.uniform([0.3, 0.25, 0.5], [0.8, 0.6, 1.0])
+        thing = shelf(generator.uniform([0.8, -0.2], [1.1, 0.2]), size)
+        frame, labels = render_labelled(room(thing, BEHIND), camera(), 0.0, {"thing": "table"})
+        noisy = KinectNoise().apply(frame, labels, generator)
+        truth = frame.objects[0]
+        answer = placed(found(noisy, truth.box * generator.normal(1.0, [0.0, 0.0, 0.02, 0.02])), noisy)
+        error = answer.place[0] - truth.place
+        distances.append(error @ np.linalg.solve(answer.place_covariance[0], error) / 6.0)
+    assert 0.2 < np.mean(distances) < 2.5
