@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from eaip_prob.config import repository_path
 from eaip_prob.detection.base import CLASSES, AbstractImageDetector, Detections, check_image
+from eaip_prob.detection.boxes import suppressed
 from eaip_prob.detection.network_input import NetworkInput, in_image
 from eaip_prob.detection.onnx_layouts import AbstractOutputLayout
 from eaip_prob.detection.onnx_metadata import NetworkSettings, read_settings
@@ -121,38 +122,11 @@ class OnnxDetector(AbstractImageDetector):
         value = np.clip(score[np.arange(len(score)), best], 0.0, 1.0)
         good = np.flatnonzero((value >= self.threshold) & (box[:, 2:] > 0.0).all(1))
         labels = np.array([self.classes[self.names[index]] for index in best[good]], dtype=object)
-        kept = suppressed_weaker(box[good], value[good], labels if self.per_class else None, self.overlap)
+        kept = suppressed(box[good], value[good], labels if self.per_class else None, self.overlap)
         at = good[kept]
         std = self.box_std * np.tile(box[at, 2:], 2)
         covariance = std[:, :, None] ** 2 * np.eye(4)
         return Detections(tuple(labels[kept]), value[at], box[at], image_size, covariance)
-
-
-def suppressed_weaker(
-    box: Float[np.ndarray, "boxes 4"], score: Float[np.ndarray, "boxes"], labels: np.ndarray | None, overlap: float
-) -> np.ndarray:
-    """Places of the boxes that are kept, the best first: none overlaps a better one.
-
-    Args:
-        box: (n, 4), centre and size.
-        score: (n,).
-        labels: (n,), so that only boxes of one label count; all do if None.
-        overlap: largest intersection over union that is allowed.
-
-    Example:
-        >>> box = np.array([[5.0, 5.0, 4.0, 4.0], [5.0, 5.5, 4.0, 4.0], [5.0, 5.5, 4.0, 4.0]])
-        >>> suppressed_weaker(box, np.array([0.6, 0.9, 0.5]), np.array(["chair", "chair", "table"]), 0.45).tolist()
-        [1, 2]
-    """
-    low, high, area = box[:, :2] - box[:, 2:] / 2.0, box[:, :2] + box[:, 2:] / 2.0, box[:, 2:].prod(1)
-    left, kept = np.argsort(-score, kind="stable"), []
-    while len(left):
-        first, left = left[0], left[1:]
-        kept.append(first)
-        shared = np.maximum(np.minimum(high[left], high[first]) - np.maximum(low[left], low[first]), 0.0).prod(1)
-        rival = shared > overlap * (area[left] + area[first] - shared)
-        left = left[~(rival if labels is None else rival & (labels[left] == labels[first]))]
-    return np.array(kept, dtype=np.int64)
 
 
 def _said(path: Path, given: Mapping[str, Any]) -> NetworkSettings:

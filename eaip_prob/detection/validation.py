@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float, Int
 
 from eaip_prob.detection.base import CLASSES, AbstractImageDetector
+from eaip_prob.detection.boxes import box_iou
 from eaip_prob.detection.labelled import LabelledImages
-from eaip_prob.detection.yolo.decoding import box_iou
 
 _PLACED = 0.5  # IoU from which a box counts as that of the object
 
@@ -92,7 +91,7 @@ def judged(detector: AbstractImageDetector, images: LabelledImages) -> Judgement
         if len(found):
             box, truth = found.box[0], images.box[index]
             said[index] = CLASSES.index(found.labels[0]) if found.labels[0] in CLASSES else -1
-            iou[index] = float(box_iou(torch.from_numpy(box), torch.from_numpy(truth)))
+            iou[index] = float(box_iou(box, truth))
             score[index], error[index] = found.score[0], (box - truth) / truth[[2, 3, 2, 3]]
     return Judgement(images.label.astype(np.int64), said, iou, score, error)
 

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from eaip_prob.config import build, conf_dir
 from eaip_prob.detection.network_input import NetworkInput
-from eaip_prob.detection.onnx import OnnxDetector, suppressed_weaker
+from eaip_prob.detection.onnx import OnnxDetector
 from eaip_prob.detection.onnx_layouts import YoloV2Layout, YoloV8Layout, YoloXLayout
 from eaip_prob.detection.onnx_metadata import read_settings
 from eaip_prob.errors import DataFileError, InputError, ShapeError
@@ -132,29 +132,6 @@ def test_a_network_of_each_family_is_read(layout, tmp_path):
     wrong = YoloXLayout() if not isinstance(layout, YoloXLayout) else YoloV8Layout()
     with pytest.raises(ShapeError, match=f"{type(wrong).__name__}, got .*layout"):
         OnnxDetector(path, wrong, INPUT, NAMES, CLASSES)
-
-
-def test_weaker_boxes_are_suppressed_as_in_a_slow_loop():
-    generator = np.random.default_rng(3)
-    box = np.concatenate([generator.uniform(0, 30, (60, 2)), generator.uniform(4, 12, (60, 2))], 1)
-    score, labels = generator.uniform(size=60), generator.choice(["chair", "table"], 60)
-
-    def iou(a, b):
-        sides = [
-            min(a[i] + a[i + 2] / 2, b[i] + b[i + 2] / 2) - max(a[i] - a[i + 2] / 2, b[i] - b[i + 2] / 2)
-            for i in (0, 1)
-        ]
-        shared = max(sides[0], 0.0) * max(sides[1], 0.0)
-        return shared / (a[2] * a[3] + b[2] * b[3] - shared)
-
-    for names in (labels, None):
-        kept = []
-        for index in sorted(range(60), key=lambda i: -score[i]):
-            rivals = [k for k in kept if names is None or names[k] == names[index]]
-            if all(iou(box[k], box[index]) <= 0.3 for k in rivals):
-                kept.append(index)
-        assert suppressed_weaker(box, score, names, 0.3).tolist() == kept
-    assert suppressed_weaker(box[:0], score[:0], None, 0.3).shape == (0,)
 
 
 def test_a_file_may_say_itself_what_it_is(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from eaip_prob.detection.yolo.decoding import answers, box_iou, suppressed
+from eaip_prob.detection.yolo.decoding import answers, box_iou
 from eaip_prob.errors import ShapeError
 
 
@@ -46,13 +46,3 @@ def test_iou_is_that_of_pixels():
         boxes = torch.tensor(np.concatenate([low + size / 2, size], -1))
         expected = (masks[0] & masks[1]).sum() / (masks[0] | masks[1]).sum()
         assert float(box_iou(boxes[0], boxes[1])) == pytest.approx(expected)
-
-
-def test_suppression_keeps_the_best_of_each_heap():
-    box = np.array([[10.0, 10, 8, 8], [11.0, 10, 8, 8], [30.0, 10, 8, 8], [12.0, 10, 8, 8]])
-    score, label = np.array([0.5, 0.9, 0.3, 0.7]), np.array([0, 0, 0, 1])
-    assert suppressed(box, score).tolist() == [1, 2]
-    assert suppressed(box, score, label).tolist() == [1, 3, 2]
-    assert suppressed(box, score, overlap=0.7).tolist() == [1, 2]  # IoU 7/9 of both
-    assert suppressed(box, score, overlap=0.8).tolist() == [1, 3, 0, 2]
-    assert suppressed(np.zeros((0, 4)), np.zeros(0)).tolist() == []

@@ -29,7 +29,6 @@ from eaip_prob.tasks.detection import (
     Sighting,
     consequence,
     feature_study,
-    overlap,
     sighting,
     table_1,
 )
@@ -109,17 +108,6 @@ def test_scores_part_the_halves_and_count_what_was_answered_instead():
     assert table_1({"other": scores})[0]["paper, whole"] is None
     with pytest.raises(InputError, match="first half"):
         ObjectScores.of([said(0.7, "chair")])
-
-
-def test_overlap_is_that_of_areas():
-    rng = np.random.default_rng(2)
-    points = rng.uniform(0.0, 10.0, (200_000, 2))
-    for _ in range(5):
-        boxes = np.column_stack([rng.uniform(3.0, 7.0, (2, 2)), rng.uniform(1.0, 6.0, (2, 2))])
-        first, second = ((np.abs(points - box[:2]) <= box[2:] / 2).all(1) for box in boxes)
-        sampled = (first & second).sum() / (first | second).sum()
-        assert overlap(*boxes) == pytest.approx(sampled, abs=0.01)
-    assert overlap(np.array([0.0, 0.0, 1.0, 1.0]), np.array([5.0, 5.0, 1.0, 1.0])) == 0.0
 
 
 def test_a_sighting_says_what_was_found(tmp_path):

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from eaip_prob.errors import ShapeError
@@ -82,32 +81,3 @@ def box_iou(first: Float[Tensor, "*batch 4"], second: Float[Tensor, "*batch 4"])
     high = torch.minimum(first[..., :2] + first[..., 2:] / 2, second[..., :2] + second[..., 2:] / 2)
     common = (high - low).clamp(min=0).prod(-1)
     return common / (first[..., 2:].prod(-1) + second[..., 2:].prod(-1) - common).clamp(min=1e-9)
-
-
-def suppressed(
-    box: Float[np.ndarray, "boxes 4"],
-    score: Float[np.ndarray, "boxes"],
-    label: Int[np.ndarray, "boxes"] | None = None,
-    overlap: float = 0.45,
-) -> Int[np.ndarray, "kept"]:
-    """Which boxes are kept, the best first: none that overlaps a better one.
-
-    Args:
-        box: (N, 4), centre and size.
-        score: (N,).
-        label: (N,), so that only boxes of one class suppress each other; all do without it.
-        overlap: largest IoU that is no overlap.
-
-    Example:
-        >>> box = np.array([[5.0, 5.0, 4.0, 4.0], [5.0, 5.5, 4.0, 4.0], [15.0, 5.0, 4.0, 4.0]])
-        >>> suppressed(box, np.array([0.6, 0.9, 0.5])).tolist()
-        [1, 2]
-    """
-    order = np.argsort(-score, kind="stable")
-    kept: list[int] = []
-    for index in order:
-        rivals = [k for k in kept if label is None or label[k] == label[index]]
-        iou = box_iou(torch.from_numpy(box[rivals]), torch.from_numpy(box[index])[None]) if rivals else torch.zeros(1)
-        if float(iou.max()) <= overlap:
-            kept.append(int(index))
-    return np.array(kept, dtype=np.int64)

@@ -10,8 +10,9 @@ from jaxtyping import Float, UInt8
 
 from eaip_prob.config import repository_path
 from eaip_prob.detection.base import AbstractImageDetector, Detections, check_image
+from eaip_prob.detection.boxes import suppressed
 from eaip_prob.detection.network_input import NetworkInput, in_image
-from eaip_prob.detection.yolo.decoding import answers, suppressed
+from eaip_prob.detection.yolo.decoding import answers
 from eaip_prob.detection.yolo.network import CELL, folded
 from eaip_prob.detection.yolo.weights_file import YoloSettings, read_weights
 from eaip_prob.errors import InputError

@@ -3,7 +3,7 @@
 from eaip_prob.tasks.detection.consequence import ENVIRONMENTS, Lift, consequence
 from eaip_prob.tasks.detection.covering import CoveringViews, Placement
 from eaip_prob.tasks.detection.feature_study import feature_study
-from eaip_prob.tasks.detection.study import PAPER, ObjectScores, Sighting, overlap, sighting, table_1
+from eaip_prob.tasks.detection.study import PAPER, ObjectScores, Sighting, sighting, table_1
 
 __all__ = [
     "ENVIRONMENTS",
@@ -15,7 +15,6 @@ __all__ = [
     "Sighting",
     "consequence",
     "feature_study",
-    "overlap",
     "sighting",
     "table_1",
 ]

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 
 from eaip_prob.figures import new_figure, outside_legend, save_figure
 from eaip_prob.simulation.oracle import LabelledFrame
+from eaip_prob.tasks.detection.outlines import outline
 from eaip_prob.tasks.detection.study import PAPER, ObjectScores, Sighting
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 _TRUE, _FOUND, _WRONG = "#00BFFF", "#F0E442", "#FF8AD6"
 _FIRST, _WHOLE, _COVERED, _PAPER = "#0072B2", "#56B4E9", "#D55E00", "#444444"
@@ -37,11 +37,11 @@ def draw_boxes(
     for ax, (name, trials) in zip(axes, frames.items(), strict=False):
         frame, said = trials[0][0], sightings[name][0][0]
         ax.imshow(frame.color)
-        _box(ax, frame.objects[0].box, _TRUE, "true box", "--")
+        outline(ax, frame.objects[0].box, _TRUE, "--", "true box")
         for index, box in enumerate(said.detections.box):
             right = said.detections.labels[index] == said.label
             color = _FOUND if right else _WRONG
-            _box(ax, box, color, "answered, right class" if right else "answered, wrong class")
+            outline(ax, box, color, label="answered, right class" if right else "answered, wrong class")
             text = f"{said.detections.labels[index]} {said.detections.score[index]:.2f}"
             edge = said.detections.corners[index]
             ax.text(edge[0], edge[3] + 6, text, color="black", backgroundcolor=color, fontsize=7, va="top")
@@ -99,11 +99,3 @@ def draw_over_time(folder: Path, sightings: Mapping[str, Sequence[Sequence[Sight
         ax.set_visible(False)
     outside_legend(figure)
     return save_figure(figure, folder, "over_time")
-
-
-def _box(ax: Axes, box: Float[np.ndarray, "4"], color: str, label: str, line: str = "-") -> None:
-    from matplotlib.patches import Rectangle
-
-    corner = box[:2] - box[2:] / 2.0
-    style: dict[str, Any] = {"edgecolor": color, "linewidth": 1.5, "linestyle": line, "label": label}
-    ax.add_patch(Rectangle((corner[0], corner[1]), box[2], box[3], fill=False, **style))

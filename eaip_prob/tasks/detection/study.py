@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eaip_prob.detection.base import AbstractObjectDetector, Detections
+from eaip_prob.detection.boxes import box_iou
 from eaip_prob.detection.encoder import ObjectChoice
 from eaip_prob.errors import InputError
 from eaip_prob.simulation.oracle import LabelledFrame
@@ -86,25 +86,8 @@ def sighting(detector: AbstractObjectDetector, frame: LabelledFrame, choice: Obj
     index = (choice or ObjectChoice()).choose(detections)
     if index is None:
         return Sighting(frame.time, true.covered, true.label, NOTHING, 0.0, detections)
-    iou = overlap(detections.box[index], true.box)
+    iou = float(box_iou(detections.box[index], true.box))
     return Sighting(frame.time, true.covered, true.label, detections.labels[index], iou, detections)
-
-
-def overlap(box: Float[np.ndarray, "4"], other: Float[np.ndarray, "4"]) -> float:
-    """Intersection over union of two boxes.
-
-    Args:
-        box: (4,), centre column, centre row, width and height, px.
-        other: (4,).
-
-    Example:
-        >>> overlap(np.array([2.0, 1.0, 4.0, 2.0]), np.array([3.0, 1.0, 2.0, 2.0]))
-        0.5
-    """
-    low = np.maximum(box[:2] - box[2:] / 2.0, other[:2] - other[2:] / 2.0)
-    high = np.minimum(box[:2] + box[2:] / 2.0, other[:2] + other[2:] / 2.0)
-    shared = float(np.prod(np.maximum(high - low, 0.0)))
-    return shared / (float(np.prod(box[2:])) + float(np.prod(other[2:])) - shared)
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 
 from eaip_prob.detection.base import AbstractImageDetector
 from eaip_prob.detection.labelled import LabelledImages
 from eaip_prob.figures import new_figure, save_figure
+from eaip_prob.tasks.detection.outlines import outline
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 _TRUE, _RIGHT, _WRONG = "#FFFFFF", "#56B4E9", "#E69F00"
 
@@ -36,13 +36,13 @@ def draw_boxes(
         ax.set_axis_off()
     for index, ax in zip(range(min(num, len(images))), axes, strict=False):
         ax.imshow(images.image[index])
-        _rectangle(ax, images.box[index], _TRUE, "--")
+        outline(ax, images.box[index], _TRUE, "--")
         title = images.names[index]
         if detector is not None:
             found = detector.detect_image(images.image[index])
             title += ": nothing found" if not len(found) else ""
             for place, label in reversed(list(enumerate(found.labels))):
-                _rectangle(ax, found.box[place], _RIGHT if label == images.names[index] else _WRONG, "-")
+                outline(ax, found.box[place], _RIGHT if label == images.names[index] else _WRONG, "-")
                 title = f"{images.names[index]}: {label} {found.score[place]:.2f}" if place == 0 else title
         ax.set_title(title, fontsize=8)
     return save_figure(figure, folder, name)
@@ -59,10 +59,3 @@ def draw_losses(folder: Path, losses: Sequence[float]) -> Path:
     ax.plot(np.arange(1, len(losses) + 1), losses, color="#0072B2")
     ax.set(xlabel="epoch", ylabel="loss of YOLO v2 (mean over images)", yscale="log", title="training")
     return save_figure(figure, folder, "loss")
-
-
-def _rectangle(ax: Axes, box: Float[np.ndarray, "4"], color: str, line: str) -> None:
-    from matplotlib.patches import Rectangle
-
-    corner = tuple(box[:2] - box[2:] / 2)
-    ax.add_patch(Rectangle(corner, box[2], box[3], fill=False, edgecolor=color, linestyle=line, linewidth=1.2))
