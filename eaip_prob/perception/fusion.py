@@ -21,6 +21,7 @@ from eaip_prob.perception._fusing import HALF, crop_points, merge_voxels
 from eaip_prob.perception.glove_offset import depth_sigma
 from eaip_prob.perception.registration import colors_of
 
+HALF_FRAME = 1.0 / 60.0  # seconds, of a Kinect
 Crop = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 _Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, colours, whether they have one, weights
 
@@ -69,7 +70,9 @@ class PointCloud:
         return PointCloud(self.points[index], self.colors[index], self.variance[index])
 
 
-def fuse(frames: Sequence[RGBDFrame], crop: Crop | None = None, voxel: float = 0.01) -> PointCloud:
+def fuse(
+    frames: Sequence[RGBDFrame], crop: Crop | None = None, voxel: float = 0.01, apart: float = HALF_FRAME
+) -> PointCloud:
     """What all cameras see, one point for every voxel that holds any.
 
     A voxel's point is the mean of its points, weighted by one over the variance of their depth; its variance is that of
@@ -79,9 +82,11 @@ def fuse(frames: Sequence[RGBDFrame], crop: Crop | None = None, voxel: float = 0
         frames: of one moment.
         crop: (lowest, highest) along x, y and z in the world, m; default everything.
         voxel: edge, m.
+        apart: most by which time stamps may differ, s; what moves is in two places in frames that differ by more.
 
     Raises:
-        InputError: no frame, a voxel not above zero, or points a million voxels from the origin.
+        InputError: no frame, a voxel not above zero, frames of different times, or points a million voxels from the
+            origin.
 
     Example:
         >>> from eaip_prob.data import Intrinsics
@@ -94,6 +99,7 @@ def fuse(frames: Sequence[RGBDFrame], crop: Crop | None = None, voxel: float = 0
     """
     if not frames or not voxel > 0:
         raise InputError(f"Expected at least one frame and a voxel above zero, got {len(frames)} frames, {voxel} m.")
+    _check_moment(frames, apart)
     bounds = _bounds(crop)
     # the compiled loops release the interpreter
     with ThreadPoolExecutor(min(max(len(frames), 2), os.cpu_count() or 1)) as pool:
@@ -102,6 +108,16 @@ def fuse(frames: Sequence[RGBDFrame], crop: Crop | None = None, voxel: float = 0
         halves = list(pool.map(lambda half: _merged(parts, voxel, half), (0, 1)))
     points, colors, variance = (np.concatenate(arrays) for arrays in zip(*halves, strict=True))
     return PointCloud(points, colors, variance)
+
+
+def _check_moment(frames: Sequence[RGBDFrame], apart: float) -> None:
+    early, late = min(frames, key=lambda frame: frame.time), max(frames, key=lambda frame: frame.time)
+    if late.time - early.time > apart:
+        raise InputError(
+            f"Expected frames of one moment, at most {apart:.3f} s apart, got {early.name!r} at {early.time:.3f} s and "
+            f"{late.name!r} at {late.time:.3f} s. Leave out the late one, set the cameras' clocks, or allow more with "
+            "apart=SECONDS."
+        )
 
 
 def _bounds(crop: Crop | None) -> np.ndarray:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import glove_world as world
 import numpy as np
 import pytest
@@ -100,3 +102,13 @@ def test_gloves_are_two_clusters(frames):
 def test_parts_of_a_cloud_belong_together():
     with pytest.raises(ShapeError, match="variance"):
         PointCloud(np.zeros((2, 3)), np.zeros((2, 3), np.uint8), np.zeros(3))
+
+
+def test_frames_of_different_times_are_refused(frames):
+    late = [frames[0], replace(frames[1], time=1 / 30), frames[2]]
+    with pytest.raises(InputError, match=r"'left' at 0\.000 s and 'overhead' at 0\.033 s.*apart=SECONDS"):
+        fuse(late, CROP)
+    half = [frames[0], replace(frames[1], time=1 / 61), frames[2]]
+    for given, apart in ((half, 1 / 60), (late, 0.05)):
+        cloud = fuse(given, CROP, apart=apart)
+        assert np.array_equal(cloud.points, fuse(frames, CROP).points)
