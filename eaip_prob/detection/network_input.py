@@ -61,20 +61,34 @@ class NetworkInput:
         Args:
             image: RGB.
         """
+        filled, factor, offset = self.filled(image)
+        values = np.ascontiguousarray(filled.transpose(2, 0, 1)[None], np.float32) * np.float32(self.scale)
+        return values, factor, offset
+
+    def filled(
+        self, image: UInt8[np.ndarray, "height width 3"]
+    ) -> tuple[UInt8[np.ndarray, "rows columns 3"], Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+        """As `prepared`, but the input as an image of bytes, channels last.
+
+        Args:
+            image: RGB.
+        """
         import cv2
 
         corner, image = part_of(image, self.region)
-        have, full = np.array([image.shape[1], image.shape[0]]), np.asarray(self.size)
-        factor = full / have if self.fit == "stretch" else np.full(2, (full / have).min())
-        inner = np.maximum(np.rint(have * factor).astype(int), 1)
+        whole, full = np.array([image.shape[1], image.shape[0]]), np.asarray(self.size)
+        factor = full / whole if self.fit == "stretch" else np.full(2, (full / whole).min())
+        inner, have = np.maximum(np.rint(whole * factor).astype(int), 1), whole
         method = cv2.INTER_AREA if factor.max() < 1.0 else cv2.INTER_LINEAR
+        while (have >= 2 * inner).all() and not (have % 2).any():  # halves are exact, and several times as fast
+            have = have // 2
+            image = cv2.resize(image, have.tolist(), interpolation=cv2.INTER_AREA)
         left, top = (full - inner) // 2 if self.fit == "center" else (0, 0)
         filled = np.full((full[1], full[0], 3), self.fill, np.uint8)
         filled[top : top + inner[1], left : left + inner[0]] = cv2.resize(image, inner.tolist(), interpolation=method)
+        factor = inner / whole
         ordered = filled[..., ::-1] if self.order == "bgr" else filled
-        values = np.ascontiguousarray(ordered.transpose(2, 0, 1)[None], np.float32) * np.float32(self.scale)
-        factor = inner / have
-        return values, factor, np.array([left, top], float) - factor * corner
+        return ordered, factor, np.array([left, top], float) - factor * corner
 
 
 def part_of(image: UInt8[np.ndarray, "height width 3"], region: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -26,10 +26,12 @@ from eaip_prob.simulation.varied_draw import Draw
 from eaip_prob.simulation.varied_furniture import repainted, varied
 from eaip_prob.simulation.varied_room import varied_lighting, varied_scene
 
-_FORMAT = "eaip_prob detector views 4"
+_FORMAT = "eaip_prob detector views 5"
 _VISIBLE, _INSIDE = 0.25, 0.7  # least share of the object that is visible, and of its box that lies in the image
 _ATTEMPTS = 50
-_REPAINTED = 0.35  # share of views that show the piece that was demonstrated, in other colours
+_REPAINTED = 0.3  # share of views that show the piece that was demonstrated, in other colours
+_PAIRED = 0.4  # share of the chairs and tables that have the same plate and legs as the table or chair beside them
+_RULES = (_FORMAT, _VISIBLE, _INSIDE, _REPAINTED, _PAIRED)
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,9 @@ class DetectorViews:
         position: (3,), where the camera stands, m.
         target: (3,), what it looks at, m.
         things: name -> (class, object), to be shown in turn; varied instances of every class if empty.
-        pieces: class -> the piece of furniture that was demonstrated, which is shown in other colours in a third of the
-            views of its class.
-        unusual: varied instances from outside the ranges of the usual ones.
+        pieces: class -> the piece of furniture that was demonstrated, which is shown in other colours in three tenths
+            of the views of its class.
+        unusual: varied instances from outside the ranges and combinations of the usual ones.
         jitter: standard deviation of the camera's position and target, m.
         oversample: n, for n by n rays a pixel.
 
@@ -80,9 +82,7 @@ class DetectorViews:
     def key(self) -> str:
         """What the views follow from, as 32 hexadecimal digits."""
         digest = hashlib.sha256(
-            repr(
-                (_FORMAT, _VISIBLE, _INSIDE, *(v for k, v in vars(self).items() if k not in ("things", "pieces")))
-            ).encode()
+            repr((*_RULES, *(v for k, v in vars(self).items() if k not in ("things", "pieces")))).encode()
         )
         shown = [*self.things.items(), *((label, (label, piece)) for label, piece in self.pieces.items())]
         for name, (label, thing) in shown:
@@ -128,7 +128,7 @@ class DetectorViews:
         name, generator = self.names()[index], np.random.default_rng([self.seed, index])
         draw = Draw(generator)
         for _ in range(_ATTEMPTS):
-            label, thing = self._thing(name, generator)
+            label, thing = self._thing(name, index // len(CLASSES), generator)
             view, scene = self._view(generator), varied_scene(thing, draw)
             visible, box = whole_box(scene, view)
             if box is not None:
@@ -136,13 +136,14 @@ class DetectorViews:
                 return LabelledImages(image[None], box[None], np.array([CLASSES.index(label)]), visible[None])
         raise InputError(f"Expected {name} in view of a camera at {self.position}, got none in {_ATTEMPTS} tries.")
 
-    def _thing(self, name: str, generator: np.random.Generator) -> tuple[str, AbstractObject]:
+    def _thing(self, name: str, group: int, generator: np.random.Generator) -> tuple[str, AbstractObject]:
         if self.things:
             return self.things[name]
         draw = Draw(generator, self.unusual)
         if name in self.pieces and draw.chance(_REPAINTED):
             return name, repainted(self.pieces[name], name, draw)
-        return name, varied(name, draw)
+        shared = Draw(np.random.default_rng([self.seed, group, 1]), self.unusual)  # the same for the classes of a group
+        return name, varied(name, draw, shared if shared.chance(_PAIRED) else None)
 
     def _view(self, generator: np.random.Generator) -> View:
         position = np.asarray(self.position) + self.jitter * generator.normal(size=3)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from eaip_prob.simulation.meshes import Color
 
-WHOLE, AXIS = (0.6, 1.4), (0.8, 1.25)  # factors on the lengths of the piece that was demonstrated
-_BAND = 0.5  # width of the band around a range, as a share of the range's logarithm
+_BAND = 0.2  # width of the band around a range, as a share of the range's logarithm
+_EVERY = 5  # one combination in so many is kept for unusual instances
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +19,8 @@ class Draw:
 
     Args:
         generator: of all of them.
-        unusual: lengths from the bands around their ranges instead of from inside.
+        unusual: lengths from the bands around their ranges instead of from inside, and combinations of parts that no
+            usual instance has.
 
     Example:
         >>> draw, odd = Draw(np.random.default_rng(0)), Draw(np.random.default_rng(0), unusual=True)
@@ -58,7 +60,19 @@ class Draw:
             return tuple(np.clip(np.asarray(like) * g.uniform(0.6, 1.25) + g.normal(0.0, 0.03, 3), 0.02, 0.98).tolist())
         return colorsys.hsv_to_rgb(g.random(), g.random() ** 1.5 * 0.9, g.uniform(0.08, 0.97))
 
-    def axes(self, *lengths: float) -> tuple[float, ...]:
-        """Lengths of the demonstrated piece times a common factor and one of each axis, m."""
-        whole = self.length(*WHOLE)
-        return tuple(length * whole * self.length(*AXIS) for length in lengths)
+    def choice(self, kinds: Sequence[str]) -> str:
+        """One of several kinds of a part, each as often.
+
+        Args:
+            kinds: names.
+        """
+        return kinds[int(self.generator.integers(len(kinds)))]
+
+    def matching(self, first: int, kinds: Sequence[str]) -> str:
+        """A kind of a second part for one of a first part: every fifth combination is of unusual instances only.
+
+        Args:
+            first: place of the first part among its kinds.
+            kinds: names of the second part's kinds, at least five.
+        """
+        return self.choice([k for at, k in enumerate(kinds) if ((first + at) % _EVERY == _EVERY - 1) == self.unusual])

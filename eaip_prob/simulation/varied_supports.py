@@ -1,29 +1,38 @@
-"""What furniture stands on, and backs of rungs: parts of the demonstrated pieces that any chair or table may have.
+"""What a plate stands on: the same supports for the seats of chairs and the plates of tables.
 
 Everything stands on the floor at z = 0, front towards +x, lengths in metres.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 
-from eaip_prob.simulation.meshes import Color, Mesh, tube
+from eaip_prob.simulation.meshes import Color, Mesh, box, cylinder, tube
 from eaip_prob.simulation.varied_draw import Draw
 
 
-def star_foot(draw: Draw, height: float, color: Color) -> list[Mesh]:
-    """A column on arms with castors or without, as of a swivel chair.
+def support(kind: str, draw: Draw, top: tuple[float, float], height: float, color: Color) -> list[Mesh]:
+    """What carries a plate.
 
     Args:
-        draw: number and lengths of the arms.
-        height: of the column's top.
+        kind: of `SUPPORTS`.
+        draw: its lengths.
+        top: lengths along x and y of what it carries.
+        height: of its underside.
         color: of all.
 
     Example:
-        >>> parts = star_foot(Draw(np.random.default_rng(0)), 0.4, (0, 0, 0))
+        >>> parts = support("star", Draw(np.random.default_rng(0)), (0.4, 0.5), 0.4, (0, 0, 0))
         >>> max(float(part.extent()[1, 2]) for part in parts)
         0.4
     """
+    return _MAKERS[kind](draw, top, height, color)
+
+
+def _star(draw: Draw, top: tuple[float, float], height: float, color: Color) -> list[Mesh]:
+    """A column on arms with castors or without, as of a swivel chair."""
     parts = [tube((0.0, 0.0, 0.05), (0.0, 0.0, height), draw.length(0.018, 0.045), color)]
     number, radius, thick = draw.count(4, 6), draw.length(0.2, 0.36), draw.length(0.012, 0.03)
     castor = draw.length(0.018, 0.035) if draw.chance(0.75) else thick
@@ -35,19 +44,8 @@ def star_foot(draw: Draw, height: float, color: Color) -> list[Mesh]:
     return parts
 
 
-def crossed_legs(draw: Draw, top: tuple[float, float], height: float, color: Color) -> list[Mesh]:
-    """Two pairs of legs that cross, along one side or the other, as of a folding table.
-
-    Args:
-        draw: how far they reach, how thick they are, and along which side they cross.
-        top: lengths along x and y of what they carry.
-        height: of its underside.
-        color: of all.
-
-    Example:
-        >>> len(crossed_legs(Draw(np.random.default_rng(0)), (0.5, 0.8), 0.7, (0, 0, 0))) >= 4
-        True
-    """
+def _crossed(draw: Draw, top: tuple[float, float], height: float, color: Color) -> list[Mesh]:
+    """Two pairs of legs that cross, along one side or the other, as of a folding table."""
     leg, legs = draw.length(0.016, 0.045), []
     turned = draw.chance(0.4)  # the legs cross along y
     along, aside = (top[1], top[0]) if turned else top
@@ -62,74 +60,68 @@ def crossed_legs(draw: Draw, top: tuple[float, float], height: float, color: Col
     return [_quarter_turn(part) if turned else part for part in legs]
 
 
-def poles(draw: Draw, top: tuple[float, float], height: float, color: Color) -> list[Mesh]:
-    """Four poles that lean outwards a little or stand upright, sometimes with rungs, as of a stepladder.
+def _upright(draw: Draw, top: tuple[float, float], height: float, color: Color) -> list[Mesh]:
+    return _poles(draw, top, height, color, 0.0)
 
-    Args:
-        draw: how much they lean, how thick they are, and their rungs.
-        top: lengths along x and y of what they carry.
-        height: of its underside.
-        color: of all.
 
-    Example:
-        >>> len(poles(Draw(np.random.default_rng(0)), (0.5, 0.8), 0.7, (0, 0, 0))) >= 4
-        True
-    """
-    thick, inside = draw.length(0.018, 0.055), draw.length(0.75, 0.98)
-    lean = draw.generator.uniform(0.0, 0.12) * height if draw.chance(0.5) else 0.0
+def _splayed(draw: Draw, top: tuple[float, float], height: float, color: Color) -> list[Mesh]:
+    return _poles(draw, top, height, color, draw.length(0.04, 0.25) * height)
+
+
+def _poles(draw: Draw, top: tuple[float, float], height: float, color: Color, lean: float) -> list[Mesh]:
+    """Four poles, round or square, whose feet stand further out by the lean, sometimes with rungs."""
+    thick, inside, round_ = draw.length(0.018, 0.07), draw.length(0.7, 1.0), draw.chance(0.5)
     x, y = (0.5 * inside * side - thick / 2 for side in top)
     corners = [(sx, sy) for sx in (-1.0, 1.0) for sy in (-1.0, 1.0)]
-    feet = [(sx * (x + lean), sy * (y + lean), thick / 4) for sx, sy in corners]
+    feet = [(sx * (x + lean), sy * (y + lean), thick / 4 if lean else 0.0) for sx, sy in corners]
     heads = [(sx * x, sy * y, height) for sx, sy in corners]
-    parts = [tube(foot, head, thick / 2, color) for foot, head in zip(feet, heads, strict=True)]
-    if draw.chance(0.35):
-        level = draw.generator.uniform(0.15, 0.6)
-        at = [
-            tuple((1 - level) * np.array(foot) + level * np.array(head)) for foot, head in zip(feet, heads, strict=True)
-        ]
-        pairs = [(0, 1), (2, 3)] if draw.chance(0.5) else [(0, 2), (1, 3)]
-        parts += [tube(at[i], at[j], thick / 3, color) for i, j in pairs]
+    if lean or round_:
+        parts = [tube(foot, head, thick / 2, color) for foot, head in zip(feet, heads, strict=True)]
+    else:
+        parts = [box((thick, thick, height), color).at(u, v, height / 2) for u, v, _ in feet]
+    for pairs in ([(0, 1), (2, 3)], [(0, 2), (1, 3)]):
+        if draw.chance(0.25):
+            share = draw.generator.uniform(0.12, 0.6)
+            at = [(1 - share) * np.array(foot) + share * np.array(head) for foot, head in zip(feet, heads, strict=True)]
+            parts += [tube(at[i], at[j], thick / 3, color) for i, j in pairs]
     return parts
 
 
-def rungs(draw: Draw, width: float, depth: float, seat: float, rise: float, color: Color, dark: Color) -> list[Mesh]:
-    """The back of a chair: rungs across or upright between two poles, leaning back.
+def _panels(draw: Draw, top: tuple[float, float], height: float, color: Color) -> list[Mesh]:
+    """Two upright boards, along one side or the other, as the sides of a shelf; sometimes joined by a third."""
+    turned = draw.chance(0.4)
+    along, aside = (top[1], top[0]) if turned else top
+    thick, deep = draw.length(0.015, 0.04), along * draw.length(0.6, 1.0)
+    outer = 0.5 * aside * draw.length(0.7, 1.0) - thick / 2
+    parts = [box((deep, thick, height), color).at(0.0, side * outer, height / 2) for side in (-1.0, 1.0)]
+    if draw.chance(0.5):
+        tall = height * draw.length(0.15, 0.6)
+        parts.append(box((thick, 2 * outer, tall), color).at(0.0, 0.0, height - tall / 2))
+    return [_quarter_turn(part) if turned else part for part in parts]
 
-    Args:
-        draw: how many there are, how thick they are, and how far they lean.
-        width: of the seat.
-        depth: of the seat.
-        seat: its height.
-        rise: of the back above the seat.
-        color: of the rungs.
-        dark: of the poles.
 
-    Example:
-        >>> parts = rungs(Draw(np.random.default_rng(0)), 0.45, 0.45, 0.45, 0.4, (1, 1, 1), (0, 0, 0))
-        >>> round(max(float(part.extent()[1, 2]) for part in parts), 1)
-        0.9
-    """
-    thick, lean = draw.length(0.015, 0.04), draw.generator.uniform(0.0, 0.25) * rise
-    half, x, parts = 0.5 * width * draw.length(0.8, 1.0) - thick / 2, -depth / 2 + thick / 2, []
-    low, high = draw.generator.uniform(0.05, 0.4) * rise, rise
-    for side in (-1.0, 1.0):
-        parts.append(tube((x, side * half, seat - 0.03), (x - lean, side * half, seat + rise), thick / 2, dark))
-    number = draw.count(2, 5)
-    if draw.chance(0.6):
-        for level in np.linspace(low, high - thick, number):
-            at = x - lean * level / rise
-            parts.append(tube((at, -half, seat + level), (at, half, seat + level), draw.length(0.008, 0.03), color))
-        return parts
-    for level in (low, high - thick):
-        at = x - lean * level / rise
-        parts.append(tube((at, -half, seat + level), (at, half, seat + level), thick / 2, color))
-    for y in np.linspace(-half, half, number + 2)[1:-1]:
-        foot, head = (x - lean * low / rise, y, seat + low), (x - lean * (high - thick) / rise, y, seat + high - thick)
-        parts.append(tube(foot, head, draw.length(0.006, 0.015), color))
-    return parts
+def _pedestal(draw: Draw, top: tuple[float, float], height: float, color: Color) -> list[Mesh]:
+    """One column on a disc or on two crossed feet."""
+    reach, foot = 0.5 * min(top) * draw.length(0.6, 1.1), draw.length(0.015, 0.05)
+    column = tube((0.0, 0.0, foot / 2), (0.0, 0.0, height), draw.length(0.02, 0.08), color)
+    if draw.chance(0.5):
+        return [column, cylinder(reach, foot, color, 20)]
+    wide = draw.length(0.03, 0.08)
+    return [column, *(box((a, b, foot), color).at(z=foot / 2) for a, b in ((2 * reach, wide), (wide, 2 * reach)))]
 
 
 def _quarter_turn(mesh: Mesh) -> Mesh:
     T = np.eye(4)
     T[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
     return mesh.moved(T)
+
+
+_MAKERS: Mapping[str, Callable[[Draw, tuple[float, float], float, Color], list[Mesh]]] = {
+    "crossed": _crossed,
+    "panels": _panels,
+    "pedestal": _pedestal,
+    "splayed": _splayed,
+    "star": _star,
+    "upright": _upright,
+}
+SUPPORTS = tuple(_MAKERS)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -19,6 +20,17 @@ def test_what_stands_in_the_image_is_found_where_it_was(fit, region):
     low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()]) + 1.0
     box = in_image(np.array([[*(low + high) / 2, *(high - low)]]), factor, offset, (200, 90))
     np.testing.assert_allclose(box, [[79.5, 44.5, 80.0, 30.0]], atol=1.2 / factor.min())
+
+
+@pytest.mark.parametrize("width", [400, 399, 120])  # halved, odd, and too small for that
+def test_halves_of_a_large_image_show_what_one_step_would(width):
+    rng = np.random.default_rng(0)
+    image = cv2.resize(rng.integers(0, 255, (12, 30, 3), np.uint8), (width, 160), interpolation=cv2.INTER_CUBIC)
+    shown, factor, _ = NetworkInput((64, 48), fit="stretch").filled(image)
+    once = cv2.resize(image, (64, 48), interpolation=cv2.INTER_AREA)
+    assert factor.tolist() == [64 / width, 48 / 160] and shown.shape == (48, 64, 3)
+    assert np.abs(shown.astype(float) - once).mean() < 4.0
+    assert width == 400 or (shown == once).all()
 
 
 def test_boxes_beyond_the_image_keep_a_pixel():

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -59,14 +61,15 @@ def test_bad_plans_are_refused(change):
 
 @pytest.mark.slow
 def test_rectangles_are_learnt(tmp_path):
-    change = Augmentation(zoom=1.1, stretch=1.05, recolor=0.0, cover=0.1, blur=0.1, paste=1)
-    plan = Training(epochs=60, batch=8, near=0.0, rate=5e-3, average=0.98, augmentation=change, half=False)
-    trainer = Trainer(rectangles(96), SMALL, plan)
+    settings = replace(SMALL, width=1 / 8)
+    change = Augmentation(zoom=1.0, stretch=1.0, recolor=0.0, cover=0.0, blur=0.0, noise=2.0, paste=0)
+    plan = Training(epochs=48, batch=8, near=0.0, rate=5e-3, average=0.9, augmentation=change, half=False)
+    trainer = Trainer(rectangles(96, seed=1), settings, plan)
     losses = [loss for _, loss in trainer.epochs()]
-    assert losses[-1] < 0.5 * losses[3]
-    path = write_weights(tmp_path / "w.safetensors", trainer.averaged, SMALL, {})
+    assert losses[-1] < 0.4 * losses[3]
+    path = write_weights(tmp_path / "w.safetensors", trainer.averaged, settings, {})
     found = judged(YoloDetector(path, threshold=0.05), rectangles(40, seed=9))
-    assert found.accuracy() >= 0.6 and found.mean_iou() > 0.35  # a fourth of the classes, and 0.2, by chance
+    assert found.accuracy() >= 0.9 and found.mean_iou() >= 0.6  # a fourth of the classes, and 0.2, by chance
 
 
 def test_judgements_count_what_was_said():

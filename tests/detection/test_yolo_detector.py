@@ -93,7 +93,7 @@ def test_an_untrained_network_is_judged(weights):
 def test_the_shipped_weights_are_small_enough_and_find_nothing_in_the_dark():
     assert SHIPPED.stat().st_size < 15e6
     detector = YoloDetector()
-    assert detector.settings.input_size == (224, 224)
+    assert detector.settings.input_size == (192, 192)
     assert len(detector.detect_image(np.zeros((540, 960, 3), np.uint8))) == 0
 
 

@@ -5,6 +5,7 @@ import torch
 from torch import nn
 
 from eaip_prob.detection.yolo.network import YoloNetwork, YoloShape, folded
+from eaip_prob.detection.yolo.packed import ready
 from eaip_prob.errors import InputError
 
 
@@ -18,16 +19,47 @@ def test_at_full_width_it_has_the_weights_of_yolo_v2():
     assert network.answer.out_channels == 425 and network.joined[0].in_channels == 1024 + 4 * 64
 
 
-def test_folding_leaves_the_answers_and_the_network():
+def lived_in(g: torch.Generator) -> YoloNetwork:
+    """A network whose normalisations have seen images."""
     network = YoloNetwork(YoloShape(1 / 16), torch.Generator().manual_seed(0))
-    g = torch.Generator().manual_seed(1)
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):
             for values in (module.weight.data, module.running_var):
                 values.copy_(0.5 + torch.rand(values.shape, generator=g))
             for values in (module.bias.data, module.running_mean):
                 values.copy_(torch.randn(values.shape, generator=g))
-    network.eval()
+    return network.eval()
+
+
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+@pytest.mark.parametrize("size", [(96, 64), (32, 128)])
+def test_a_network_made_ready_says_the_same(size, layout):
+    g = torch.Generator().manual_seed(2)
+    network, made = lived_in(g), []
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    quick = ready(network, size)
+    for _ in range(2):
+        image = torch.rand(1, 3, size[1], size[0], generator=g).contiguous(memory_format=layout)
+        with torch.inference_mode():
+            made.append(quick(image))
+            torch.testing.assert_close(made[-1], network(image), atol=1e-4, rtol=1e-4)
+    assert not torch.equal(*made)
+    assert all(torch.equal(value, network.state_dict()[name]) for name, value in before.items())
+
+
+def test_without_onednn_the_plain_network_answers(monkeypatch):
+    monkeypatch.setattr(torch.backends.mkldnn, "is_available", lambda: False)
+    g = torch.Generator().manual_seed(3)
+    network, image = lived_in(g), torch.rand(1, 3, 64, 64, generator=g)
+    quick = ready(network, (64, 64))
+    assert isinstance(quick, YoloNetwork)
+    with torch.inference_mode():
+        torch.testing.assert_close(quick(image), network(image), atol=1e-4, rtol=1e-4)
+
+
+def test_folding_leaves_the_answers_and_the_network():
+    g = torch.Generator().manual_seed(1)
+    network = lived_in(g)
     image = torch.rand(2, 3, 64, 96, generator=g)
     before = {name: value.clone() for name, value in network.state_dict().items()}
     with torch.inference_mode():

@@ -13,7 +13,8 @@ from eaip_prob.detection.base import AbstractImageDetector, Detections, check_im
 from eaip_prob.detection.boxes import suppressed
 from eaip_prob.detection.network_input import NetworkInput, in_image
 from eaip_prob.detection.yolo.decoding import answers
-from eaip_prob.detection.yolo.network import CELL, folded
+from eaip_prob.detection.yolo.network import CELL
+from eaip_prob.detection.yolo.packed import ready
 from eaip_prob.detection.yolo.weights_file import YoloSettings, read_weights
 from eaip_prob.errors import InputError
 
@@ -56,11 +57,15 @@ class YoloDetector(AbstractImageDetector):
         super().__init__(camera)
         if not (0.0 <= threshold <= 1.0 and 0.0 <= overlap <= 1.0):
             raise InputError(f"Expected threshold and overlap from 0 to 1, got {threshold} and {overlap}.")
+        self._given = (weights, threshold, overlap, per_class, camera)
         network, self.settings = read_weights(SHIPPED if weights is None else repository_path(weights))
         self.threshold, self.overlap, self.per_class = threshold, overlap, per_class
         self._input = NetworkInput(self.settings.input_size, region=self.settings.region)
-        self._network = folded(network)
-        self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]  # missing in torch's stubs
+        self._network = ready(network, self.settings.input_size)
+
+    def __reduce__(self) -> tuple:
+        # The network is laid out for this machine and cannot be copied to another process, which reads the file again.
+        return type(self), self._given
 
     def detect_image(self, image: UInt8[np.ndarray, "height width 3"]) -> Detections:
         """What an image shows, the most certain first.
@@ -73,9 +78,9 @@ class YoloDetector(AbstractImageDetector):
             InputError: no bytes.
         """
         check_image(image)
-        values, factor, offset = self._input.prepared(image)
+        shown, factor, offset = self._input.filled(image)
         with torch.inference_mode():
-            raw = self._network(torch.from_numpy(values).contiguous(memory_format=torch.channels_last))
+            raw = self._network(as_tensor(shown[None]))
         size = (image.shape[1], image.shape[0])
         box, score, label = decoded(raw, self.settings)
         found = np.flatnonzero(score >= self.threshold)
