@@ -61,6 +61,30 @@ class Prediction:
         """The same prediction read at other times, seconds."""
         return replace(self, time=checked_times(time))
 
+    def in_step(self) -> Self:
+        """The same motion with all hypotheses on one clock, as a robot takes it that has to be somewhere at each time.
+
+        The phase at a time is the expected one, and each hypothesis is read there. Averaged over time instead, as
+        `mean` is, motions that differ in tempo lose height where they turn: the mean of two arches at different times
+        is lower than either.
+
+        Example:
+            >>> from eaip_prob import InteractionPredictor
+            >>> from eaip_prob.phase import MarginalClock
+            >>> from eaip_prob.tasks.passing_over import PassingOver
+            >>> task = PassingOver()
+            >>> clock, motions = MarginalClock(), task.demonstrations(2, seed=0)
+            >>> predictor = InteractionPredictor(target="human", phase=clock).fit(motions)
+            >>> prediction = predictor.predict(task.demonstrations(1, seed=1)[4].human.first(10))
+            >>> bool(prediction.in_step().mean[:, 1].max() > prediction.mean[:, 1].max())
+            True
+        """
+        weight = self.posterior.weight[..., None]
+        paths = (weight * self.phase.paths).sum(-2, keepdim=True).expand(self.phase.paths.shape)
+        rate = (self.posterior.weight / self.phase.duration).sum(-1, keepdim=True)
+        phase = replace(self.phase, paths=paths, duration=(1.0 / rate).expand(self.phase.duration.shape))
+        return replace(self, phase=phase)
+
     @property
     def log_evidence(self) -> Float[Tensor, "*batch"]:
         """Log density of what was observed, nats."""

@@ -285,8 +285,9 @@ class BlockGaussian:
     def sample(self, num: int, generator: torch.Generator) -> Float[Tensor, "num *batch weights"]:
         """Draws from the Gaussian; singular covariances included."""
         root = self._root(self.layout.names)
-        noise = torch.randn(num, *self.mean.shape[:-1], 1, root.shape[-1], generator=generator, dtype=torch.float64)
-        return self.mean + (noise @ root.mT)[..., 0, :]
+        noise = torch.randn(num, *self.mean.shape[:-1], root.shape[-1], generator=generator, dtype=torch.float64)
+        # Draws as rows of one product for each member of the batch: as vectors, the root would be copied for each draw.
+        return self.mean + (noise.movedim(0, -2) @ root.mT).movedim(-2, 0)
 
     def to_pyro(self) -> Any:
         """The same distribution as a `pyro.distributions.MultivariateNormal`."""

@@ -30,6 +30,30 @@ MEAN, ENVIRONMENT, IP, EAIP = "mean", "environment", "ip", "eaip"
 KERNEL, SHUFFLED, KNOWN = "eaip_kernel", "eaip_shuffled", "eaip_known_phase"
 PAPER_IP, PAPER_EAIP = "paper_ip", "paper_eaip"
 METHODS = (MEAN, ENVIRONMENT, IP, EAIP, KERNEL, SHUFFLED, PAPER_IP, PAPER_EAIP, KNOWN)
+BLIND = (MEAN, IP, PAPER_IP)  # are told nothing of the environment
+PUBLISHED = (PAPER_IP, PAPER_EAIP)
+
+
+def asked(
+    predictor: InteractionPredictor,
+    method: str,
+    observed: Trajectory,
+    environment: EnvironmentFeatures | None,
+    time: Float[Tensor, "*#batch times"] | None = None,
+) -> Prediction:
+    """The prediction of a method that is one predictor with something withheld from it.
+
+    Args:
+        predictor: fitted; the published method's for `PUBLISHED`.
+        method: its name. Those of `BLIND` are not told the environment, `mean` and `environment` not the motion.
+        observed: beginning of a motion, or of a batch.
+        environment: features of the scene.
+        time: times to predict at, s; default as of `InteractionPredictor.predict`.
+    """
+    scene = None if method in BLIND else environment
+    if method in (MEAN, ENVIRONMENT):
+        observed = observed.hide(observed.names)
+    return predictor.predict(observed, scene, time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,18 +134,11 @@ class FittedMethods:
             time: times to predict at, seconds.
             duration: true durations, seconds; only `eaip_known_phase` reads them.
         """
-        scene = None if method in (MEAN, IP, PAPER_IP) else environment
-        if method in (MEAN, ENVIRONMENT):
-            return self.ours.predict(observed.hide(observed.names), scene, time)
-        if method in (PAPER_IP, PAPER_EAIP):
-            return self.paper.predict(observed, scene, time)
-        if method in (KERNEL, SHUFFLED):
-            return (self.kernel if method == KERNEL else self.shuffled).predict(observed, scene, time)
-        if method in self.further:
-            return self.further[method].predict(observed, scene, time)
         if method == KNOWN:
-            return self.known.predict(observed, scene, time, phase=known_phase(observed, duration))
-        return self.ours.predict(observed, scene, time)
+            return self.known.predict(observed, environment, time, phase=known_phase(observed, duration))
+        others = {KERNEL: self.kernel, SHUFFLED: self.shuffled, PAPER_IP: self.paper, PAPER_EAIP: self.paper}
+        predictor = {**others, **self.further}.get(method, self.ours)
+        return asked(predictor, method, observed, environment, time)
 
 
 def shuffled_environments(demonstrations: DemonstrationSet, generator: torch.Generator) -> DemonstrationSet:

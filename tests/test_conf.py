@@ -24,6 +24,7 @@ PLACES = {
     "recording": ("handover", "recording", "recording"),
     "task": ("passing_over", "task", "task"),
     "object": ("kinects", "object@workspace.thing", "workspace.thing"),
+    "perception": ("bag_covering", "perception", "perception"),
     "objects": ("kinects", "+objects", "objects"),
     **{group: ("detection", group, group) for group in ("detector", "encoder")},
     **{group: ("kinects", group, group) for group in ("camera", "kinect_noise", "rig", "tracker", "workspace")},

@@ -9,7 +9,14 @@ from eaip_prob.detection.base import (
     frame_of,
 )
 from eaip_prob.detection.encoder import AbstractEnvironmentEncoder, AbstractObjectEncoder, ObjectChoice
-from eaip_prob.detection.encoders import BoxEncoder, MetricBoxEncoder, NoEncoder, OneHotEncoder, PaperEncoder
+from eaip_prob.detection.encoders import (
+    BoxEncoder,
+    ExactEncoder,
+    MetricBoxEncoder,
+    NoEncoder,
+    OneHotEncoder,
+    PaperEncoder,
+)
 from eaip_prob.detection.encoders_noise import FeatureErrors, feature_errors
 from eaip_prob.detection.network_input import NetworkInput
 from eaip_prob.detection.onnx import OnnxDetector
@@ -26,6 +33,7 @@ __all__ = [
     "AbstractOutputLayout",
     "BoxEncoder",
     "Detections",
+    "ExactEncoder",
     "FeatureErrors",
     "MetricBoxEncoder",
     "NetworkInput",

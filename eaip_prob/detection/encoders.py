@@ -175,6 +175,36 @@ class NoEncoder(AbstractEnvironmentEncoder):
         return EnvironmentFeatures.unseen(())
 
 
+@dataclass(frozen=True)
+class ExactEncoder(AbstractEnvironmentEncoder):
+    """What another encoder says, taken as exact: for methods that are told one sigma_e for all.
+
+    Args:
+        encoder: the other one.
+
+    Example:
+        >>> found = Detections(("table",), np.array([0.9]), np.array([[480.0, 270.0, 100.0, 200.0]]), (960, 540))
+        >>> float(ExactEncoder(BoxEncoder()).encode(found).covariance.abs().max())
+        0.0
+    """
+
+    encoder: AbstractEnvironmentEncoder
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The other's."""
+        return self.encoder.names
+
+    def encode(self, detections: Detections) -> EnvironmentFeatures:
+        """The other's features without their covariance.
+
+        Args:
+            detections: of one time.
+        """
+        told = self.encoder.encode(detections)
+        return EnvironmentFeatures(told.names, told.value, observed=told.observed)
+
+
 def label_covariance(codes: Float[np.ndarray, "classes codes"], index: int, score: float) -> np.ndarray:
     """Mean squared error of the code of the class that was answered, if it is right with the probability of its score.
 

@@ -9,7 +9,7 @@ counts the same however many samples it has. The one pooled score is `rmse`; `mo
 """
 
 from eaip_prob.evaluation.comparisons import Gain, Share, bootstrap_gain, paired_gain, success_share
-from eaip_prob.evaluation.decodability import explained
+from eaip_prob.evaluation.decodability import explained, identified
 from eaip_prob.evaluation.scores import (
     dtw_to_motions,
     gaussian_mixture_nll,
@@ -38,6 +38,7 @@ __all__ = [
     "explained",
     "future_mask",
     "gaussian_mixture_nll",
+    "identified",
     "interval",
     "mahalanobis",
     "mixture_interval",

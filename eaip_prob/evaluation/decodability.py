@@ -53,6 +53,55 @@ def explained(
         True
     """
     targets, inputs, amounts = _checked(features, beginnings, ridges)
+    predicted = left_out_predictions(targets, inputs, amounts, groups)
+    total = (targets - targets.mean(0)).square().sum(0)
+    return 1.0 - (targets - predicted).square().sum(0) / total
+
+
+def identified(
+    labels: Sequence[str],
+    beginnings: Float[Tensor, "motions inputs"],
+    groups: Sequence[int | str] | Tensor,
+    ridges: Sequence[float] = RIDGES,
+) -> float:
+    """Share of motions whose label is found from their beginnings, groups left out.
+
+    One indicator for each label is predicted as features are in `explained`; the largest one is the answer.
+
+    Args:
+        labels: N, two or more different ones.
+        beginnings: (N, F), as of `explained`.
+        groups: (N,), as of `explained`.
+        ridges: as of `explained`.
+
+    Returns:
+        0 to 1; guessing the most frequent of C labels that are equally frequent gives 1 / C.
+
+    Raises:
+        ShapeError: other numbers of motions, or axes missing.
+        InputError: one label, fewer than 3 groups, NaN, or a ridge of zero or below.
+
+    Example:
+        >>> start = torch.arange(12.0, dtype=torch.float64)[:, None] % 4
+        >>> identified(["small" if s < 2 else "large" for s in start[:, 0]], start, [i // 4 for i in range(12)])
+        1.0
+    """
+    names = sorted(set(labels))
+    if len(names) < 2:
+        raise InputError(f"Expected two or more different labels, got {names}.")
+    answer = torch.tensor([names.index(label) for label in labels])
+    indicators = torch.nn.functional.one_hot(answer, len(names)).double()
+    predicted = left_out_predictions(*_checked(indicators, beginnings, ridges), groups)
+    return float((predicted.argmax(-1) == answer).double().mean())
+
+
+def left_out_predictions(
+    targets: Float[Tensor, "motions features"],
+    inputs: Float[Tensor, "motions inputs"],
+    amounts: Float[Tensor, "ridges"],
+    groups: Sequence[int | str] | Tensor,
+) -> Float[Tensor, "motions features"]:
+    """Each motion's features as predicted by the motions of other groups (see `explained`)."""
     index, num_groups = group_index(groups, len(targets))
     if num_groups < 3:
         raise InputError(f"Expected at least 3 groups, to leave one out twice, got {num_groups}. Use finer groups.")
@@ -62,8 +111,7 @@ def explained(
         chosen = _left_out_errors(inputs[rest], targets[rest], index[rest], amounts).argmin(0)
         candidates = _ridge_predictions(inputs[rest], targets[rest], inputs[held], amounts)
         predicted[held] = candidates.gather(0, chosen.expand(1, len(candidates[0]), -1))[0]
-    total = (targets - targets.mean(0)).square().sum(0)
-    return 1.0 - (targets - predicted).square().sum(0) / total
+    return predicted
 
 
 def _checked(features: Tensor, beginnings: Tensor, ridges: Sequence[float]) -> tuple[Tensor, Tensor, Tensor]:

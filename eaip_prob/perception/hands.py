@@ -63,13 +63,15 @@ class AbstractHandTracker(ABC):
         """
 
 
-def hands_to_trajectory(states: Sequence[HandState]) -> Trajectory:
+def hands_to_trajectory(states: Sequence[HandState], correlated: bool = True) -> Trajectory:
     """Both hands as one trajectory of six signals: left_x, left_y, left_z, right_x, right_y, right_z, m.
 
     A hand that was not seen is masked; the noise is what the tracker is unsure of, the two hands apart from each other.
 
     Args:
         states: T of them, in the order of their time.
+        correlated: False leaves out what errors along different axes have in common: the noise of each signal alone,
+            with which fitting is several times faster.
 
     Raises:
         InputError: no state, or time that does not increase (by `Trajectory`).
@@ -87,6 +89,8 @@ def hands_to_trajectory(states: Sequence[HandState]) -> Trajectory:
     noise = np.zeros((count, 6, 6))
     for i, state in enumerate(states):
         noise[i, :3, :3], noise[i, 3:, 3:] = state.covariance
+    if not correlated:
+        noise = noise * np.eye(6)
     return Trajectory(
         time=torch.tensor([state.time for state in states], dtype=torch.float64),
         values=torch.as_tensor(np.stack([state.position for state in states]).reshape(count, 6)),

@@ -2,13 +2,15 @@
 
 Library and experiments record through `AbstractRunLogger`; `RerunLogger` writes a file that the rerun viewer opens
 with a layout of its own, `NullLogger` accepts the same calls and keeps nothing. Only `recording.rerun_logger`,
-`recording.rerun_sensors` and `recording.layout` import rerun, when `RerunLogger` is first asked for.
+`recording.rerun_sensors`, `recording.rerun_scene` and `recording.layout` import rerun, when `RerunLogger` is first
+asked for.
 
 Where things are stored in a recording:
 
 ==========================  =================================================================================
 ``plane/ENTITY``            2-D paths and boxes, in the caller's unit (px), y up
-``space/ENTITY``            3-D paths, boxes, clouds, markers and ellipsoids, m, z up; cameras with their images
+``space/ENTITY``            3-D paths, boxes, surfaces, clouds, markers and ellipsoids, m, z up; cameras with
+                            their images and the boxes found in them
 ``plots/ENTITY``            curves: signals, intervals, phase, scores
 ``report/ENTITY``           Markdown
 ``arrays/ENTITY``           tensors: the data behind a figure

@@ -17,7 +17,8 @@ from eaip_prob.recording.sensing import AbstractSensing
 class AbstractRunLogger(AbstractSensing):
     """Records what a run did; a context manager that keeps what was recorded even if the run raises.
 
-    A subclass implements `_write`, which stores one checked record (`recording.records`, `recording.sensor_records`),
+    A subclass implements `_write`, which stores one checked record (`recording.records`, `recording.sensor_records`,
+    `recording.scene_records`),
     and `_finish`, which is called once when the logger is closed. It gets every public call below, and those of
     `recording.drawing` and `recording.sensing`, with its checks of shapes and values.
 
@@ -174,7 +175,8 @@ class AbstractRunLogger(AbstractSensing):
 
         Args:
             kind: `plane` (2-D paths beside the plots), `space` (3-D paths beside the plots), `cameras` (3-D scene,
-                images of the cameras and plots) or `plots`.
+                images of the cameras and plots), `workspace` (surfaces in a large 3-D scene above the colour images,
+                beside report and plots) or `plots`.
             plots: title with unit for each plot, by entity: `{"signals/x": "x [px]", "scores": "rmse [px]"}`.
             timeline: `samples_seen` or `time`, the horizontal axis of the plots and of the slider.
             bounds: ((x, y) smallest, (x, y) largest) of the plane, y up; None fits what was recorded.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import rerun.blueprint as rrb
 
 from eaip_prob.recording.records import Layout, Moment
+from eaip_prob.recording.rerun_scene import IMAGE_BOXES
 from eaip_prob.recording.rerun_sensors import COLOR_CAMERA, COLOR_IMAGE, DEPTH_CAMERA, DEPTH_IMAGE
 
 Bounds = tuple[tuple[float, float], tuple[float, float]]
@@ -21,17 +22,19 @@ _NEAR_EYE, _NEAR_LOOKS_AT = (0.7, 0.55, 0.65), (1.25, 0.0, 0.3)
 
 @dataclass
 class Sensed:
-    """Entities in space, in the order in which they came, that the layout `cameras` shows in views of their own.
+    """Entities in space, in the order in which they came, that some layouts show in views of their own.
 
     Args:
         cameras: whose images are shown.
         clouds: kept apart from what the viewer projects back.
         markers: drawn over the images as well.
+        surfaces: kept apart from clouds, which show the same things.
     """
 
     cameras: list[str] = field(default_factory=list)
     clouds: list[str] = field(default_factory=list)
     markers: list[str] = field(default_factory=list)
+    surfaces: list[str] = field(default_factory=list)
 
 
 _NOTHING = Sensed()
@@ -58,6 +61,8 @@ def viewer_blueprint(
         shown = rrb.Grid(*plots, report)
     elif layout.kind == "cameras":
         shown = _beside_images(sensed, report, plots)
+    elif layout.kind == "workspace":
+        shown = _above_images(sensed, report, plots)
     else:
         paths = _plane_view(layout.bounds or bounds) if layout.kind == "plane" else _space_view()
         left = rrb.Vertical(paths, report, row_shares=[3.0, 1.0])
@@ -101,6 +106,20 @@ def _beside_images(sensed: Sensed, report: rrb.View, plots: Sequence[rrb.View]) 
     return rrb.Horizontal(*columns, column_shares=shares)
 
 
+def _above_images(sensed: Sensed, report: rrb.View, plots: Sequence[rrb.View]) -> rrb.Horizontal:
+    """Surfaces, with clouds in their stead behind a tab; images below, report and curves beside."""
+    flat = [f"{camera}/{image}" for camera in sensed.cameras for image in (DEPTH_IMAGE, COLOR_IMAGE, IMAGE_BOXES)]
+    scene = rrb.Tabs(
+        _scene_view("Workspace [m], z up", [*flat, *sensed.clouds], _EYE, _LOOKS_AT, grid=False),
+        _scene_view("Seen by the cameras [m], z up", [*flat, *sensed.surfaces], _EYE, _LOOKS_AT, grid=False),
+        active_tab=0,
+    )
+    images = [_image_view(camera, "Colour", COLOR_CAMERA, []) for camera in sensed.cameras]
+    left = rrb.Vertical(scene, rrb.Horizontal(*images), row_shares=[2.6, 1.0]) if images else scene
+    right = rrb.Vertical(report, *plots, row_shares=[1.5, *(1.0 for _ in plots)])
+    return rrb.Horizontal(left, right, column_shares=[2.4, 1.0])
+
+
 def _scene_views(sensed: Sensed) -> tuple[rrb.Tabs, rrb.Spatial3DView]:
     """Coloured clouds, with depth images projected back behind a tab; and what clouds hide: marks inside of gloves."""
     depth = [f"{camera}/{DEPTH_IMAGE}" for camera in sensed.cameras]
@@ -114,10 +133,12 @@ def _scene_views(sensed: Sensed) -> tuple[rrb.Tabs, rrb.Spatial3DView]:
     return tabs, _scene_view("Markers alone [m], z up", [*sensed.clouds, *cameras], _NEAR_EYE, _NEAR_LOOKS_AT)
 
 
-def _scene_view(name: str, hidden: Sequence[str], eye: Point, looks_at: Point) -> rrb.Spatial3DView:
+def _scene_view(name: str, hidden: Sequence[str], eye: Point, looks_at: Point, grid: bool = True) -> rrb.Spatial3DView:
     contents = ["+ /space/**", *(f"- /space/{entity}" for entity in hidden)]
     controls = rrb.EyeControls3D(position=eye, look_target=looks_at, eye_up=(0.0, 0.0, 1.0))
-    return rrb.Spatial3DView(origin="/space", contents=contents, name=name, eye_controls=controls)
+    # The viewer's grid lies at z = 0: in the way where surfaces have a floor of their own.
+    lines = rrb.LineGrid3D(visible=grid)
+    return rrb.Spatial3DView(origin="/space", contents=contents, name=name, eye_controls=controls, line_grid=lines)
 
 
 def _image_views(sensed: Sensed) -> rrb.Tabs:
@@ -125,17 +146,17 @@ def _image_views(sensed: Sensed) -> rrb.Tabs:
     marks = [f"+ /space/{entity}" for entity in sensed.markers]
 
     def column(name: str, pinhole: str) -> rrb.Vertical:
-        views = [
-            rrb.Spatial2DView(
-                origin=f"/space/{camera}/{pinhole}",
-                contents=["+ $origin/**", *marks],
-                name=f"{camera.rsplit('/', 1)[-1]}: {name.lower()}",
-            )
-            for camera in sensed.cameras
-        ]
-        return rrb.Vertical(*views, name=name)
+        return rrb.Vertical(*(_image_view(camera, name, pinhole, marks) for camera in sensed.cameras), name=name)
 
     return rrb.Tabs(column("Colour", COLOR_CAMERA), column("Depth", DEPTH_CAMERA), active_tab=0)
+
+
+def _image_view(camera: str, name: str, pinhole: str, marks: Sequence[str]) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        origin=f"/space/{camera}/{pinhole}",
+        contents=["+ $origin/**", *marks],
+        name=f"{camera.rsplit('/', 1)[-1]}: {name.lower()}",
+    )
 
 
 def _axis(timeline: str, last: Moment | None) -> rrb.TimeAxis | None:

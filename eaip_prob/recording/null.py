@@ -6,6 +6,7 @@ from pathlib import Path
 
 from eaip_prob.recording.base import AbstractRunLogger
 from eaip_prob.recording.records import Record
+from eaip_prob.recording.scene_records import SceneRecord
 from eaip_prob.recording.sensor_records import SensorRecord
 
 
@@ -27,7 +28,7 @@ class NullLogger(AbstractRunLogger):
     ) -> None:
         del path, application_id, recording_id
 
-    def _write(self, record: Record | SensorRecord) -> None:
+    def _write(self, record: Record | SensorRecord | SceneRecord) -> None:
         del record
 
     def _finish(self) -> None:

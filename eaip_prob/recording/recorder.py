@@ -8,6 +8,7 @@ from typing import Self
 
 from eaip_prob.errors import InputError
 from eaip_prob.recording.records import Record
+from eaip_prob.recording.scene_records import SceneRecord
 from eaip_prob.recording.sensor_records import SensorRecord
 
 
@@ -17,7 +18,7 @@ class AbstractRecorder(ABC):
     _closed = False
 
     @abstractmethod
-    def _write(self, record: Record | SensorRecord) -> None:
+    def _write(self, record: Record | SensorRecord | SceneRecord) -> None:
         """Stores one record."""
 
     @abstractmethod
@@ -38,7 +39,7 @@ class AbstractRecorder(ABC):
     ) -> None:
         self.close()
 
-    def _record(self, record: Record | SensorRecord) -> None:
+    def _record(self, record: Record | SensorRecord | SceneRecord) -> None:
         if self._closed:
             raise InputError("Expected an open logger, got one that was closed. Record inside its `with` block.")
         self._write(record)

@@ -21,7 +21,7 @@ OBSERVED: Color = (42, 157, 143)
 PREDICTED: Color = (230, 111, 40)
 SCENE: Color = (96, 125, 180)
 
-KINDS = ("plane", "space", "cameras", "plots")
+KINDS = ("plane", "space", "cameras", "workspace", "plots")
 TIMELINES = ("samples_seen", "time")
 
 
@@ -182,7 +182,8 @@ class Layout:
 
     Args:
         kind: `plane` (2-D paths beside the plots), `space` (3-D paths beside the plots), `cameras` (3-D scene,
-            images of the cameras and plots) or `plots` (plots and report).
+            images of the cameras and plots), `workspace` (surfaces in a large 3-D scene above the colour images, beside
+            report and plots) or `plots` (plots and report).
         plots: title with unit for each plot, by the entity under which its curves are.
         timeline: `samples_seen` or `time`, the horizontal axis of the plots and of the slider.
         bounds: ((x smallest, y smallest), (x largest, y largest)) of the plane, y up; None fits what was recorded.

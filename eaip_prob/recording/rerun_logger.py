@@ -13,6 +13,7 @@ from eaip_prob.errors import InputError
 from eaip_prob.recording.base import AbstractRunLogger
 from eaip_prob.recording.layout import Sensed, viewer_blueprint
 from eaip_prob.recording.records import Array, Box, Curves, Layout, Moment, Paths, Record, Text
+from eaip_prob.recording.rerun_scene import IMAGE_BOXES, fabric_columns, image_box_columns, vertex_columns
 from eaip_prob.recording.rerun_sensors import (
     camera_places,
     cloud_columns,
@@ -21,6 +22,7 @@ from eaip_prob.recording.rerun_sensors import (
     marker_columns,
     pinhole_columns,
 )
+from eaip_prob.recording.scene_records import ImageBoxes, SceneRecord, Surface
 from eaip_prob.recording.sensor_records import CameraImages, Cloud, Markers, SensorRecord
 
 _MIRRORED = np.diag([1.0, -1.0, 1.0])
@@ -69,7 +71,7 @@ class RerunLogger(AbstractRunLogger):
         self._places: dict[str, bytes] = {}
         self._send("plane", None, rr.Transform3D.columns(mat3x3=_MIRRORED[None]))
 
-    def _write(self, record: Record | SensorRecord) -> None:
+    def _write(self, record: Record | SensorRecord | SceneRecord) -> None:
         if isinstance(record, Paths):
             self._write_paths(record)
         elif isinstance(record, Box):
@@ -85,6 +87,10 @@ class RerunLogger(AbstractRunLogger):
         elif isinstance(record, Layout):
             self._layout = record
             self._send_layout()
+        elif isinstance(record, Surface):
+            self._write_surface(record)
+        elif isinstance(record, ImageBoxes):
+            self._send(f"space/{record.entity}/{IMAGE_BOXES}", record.at, image_box_columns(record))
         else:
             self._write_sensed(record)
         self._stream.flush()
@@ -111,6 +117,15 @@ class RerunLogger(AbstractRunLogger):
                 self._send(entity, record.at, pinhole_columns(pose, lens))
         for image, columns in image_columns(record.frame).items():
             self._send(f"space/{record.entity}/{image}", record.at, columns)
+
+    def _write_surface(self, record: Surface) -> None:
+        self._show_also(self._sensed.surfaces, record.entity)
+        entity = f"space/{record.entity}"
+        fabric = record.triangles.tobytes() + record.colors.tobytes() + bytes([record.smooth])
+        if self._places.get(entity) != fabric:
+            self._places[entity] = fabric
+            self._send(entity, record.at, fabric_columns(record))
+        self._send(entity, record.at, vertex_columns(record))
 
     def _show_also(self, shown: list[str], entity: str) -> None:
         """Adds an entity for which the layout has views of its own."""

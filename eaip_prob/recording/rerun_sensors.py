@@ -7,6 +7,7 @@ Under the entity of a camera stand two pinhole cameras, each with its place in t
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -29,12 +30,20 @@ _IMAGE_DISTANCE = 0.25  # m; where the viewer draws a camera's image before it
 
 
 def camera_places(frame: RGBDFrame) -> dict[str, tuple[Float[np.ndarray, "4 4"], Intrinsics]]:
-    """(pose in the world, lens) of the depth and the colour camera; the same where colour is registered to depth."""
+    """(pose in the world, lens) of the depth and the colour camera; one pose where colour is registered to depth."""
     depth = frame.T_world_camera, frame.intrinsics
     if frame.color_intrinsics is None or frame.T_color_depth is None:
-        return {DEPTH_CAMERA: depth, COLOR_CAMERA: depth}
-    color = frame.T_world_camera @ inverse(frame.T_color_depth), frame.color_intrinsics
+        return {DEPTH_CAMERA: depth, COLOR_CAMERA: (frame.T_world_camera, squared(frame.intrinsics))}
+    color = frame.T_world_camera @ inverse(frame.T_color_depth), squared(frame.color_intrinsics)
     return {DEPTH_CAMERA: depth, COLOR_CAMERA: color}
+
+
+def squared(camera: Intrinsics) -> Intrinsics:
+    """The lens of a straightened colour image: without distortion, and with one focal length for both directions.
+
+    The viewer (rerun 0.41) shows nothing that is drawn in two dimensions over a camera with two focal lengths.
+    """
+    return replace(camera, fy=camera.fx, distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def pinhole_columns(pose: Float[np.ndarray, "4 4"], camera: Intrinsics) -> list[Any]:
@@ -54,7 +63,8 @@ def image_columns(frame: RGBDFrame) -> Mapping[str, Any]:
     """Both images, straightened and compressed, by their entity below the camera's."""
     millimetres = np.where(frame.valid, np.rint(_PER_METER * frame.depth), 0.0).astype(np.uint16)
     depth = straightened(millimetres, frame.intrinsics, cv2.INTER_NEAREST)
-    color = straightened(frame.color, frame.color_intrinsics or frame.intrinsics, cv2.INTER_LINEAR)
+    lens = frame.color_intrinsics or frame.intrinsics
+    color = straightened(frame.color, lens, cv2.INTER_LINEAR, squared(lens))
     jpeg = cv2.imencode(".jpg", cv2.cvtColor(color, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
     return {
         DEPTH_IMAGE: rr.EncodedDepthImage.columns(
@@ -67,25 +77,33 @@ def image_columns(frame: RGBDFrame) -> Mapping[str, Any]:
     }
 
 
-def straightened(image: np.ndarray, camera: Intrinsics, interpolation: int) -> np.ndarray:
-    """The image that a camera without distortion but the same matrix would take; 0 where nothing was seen.
+def straightened(
+    image: np.ndarray, camera: Intrinsics, interpolation: int, straight: Intrinsics | None = None
+) -> np.ndarray:
+    """The image that a camera without distortion would take; 0 where nothing was seen.
 
     Args:
         image: (H, W) or (H, W, 3), of this camera.
         camera: how it was taken.
         interpolation: one of OpenCV's; nearest for depth, which must not be averaged across edges.
+        straight: the camera without distortion; None for one with the same focal lengths and principal point.
     """
-    if not any(camera.distortion):
+    straight = straight or replace(camera, distortion=(0.0,) * 5)
+    if straight == replace(camera, distortion=straight.distortion) and not any(camera.distortion):
         return image
-    return cv2.remap(image, *_sources(camera), interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    return cv2.remap(image, *_sources(camera, straight), interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
 
 
 @lru_cache(maxsize=16)
-def _sources(camera: Intrinsics) -> tuple[Float32[np.ndarray, "height width"], Float32[np.ndarray, "height width"]]:
+def _sources(
+    camera: Intrinsics, straight: Intrinsics
+) -> tuple[Float32[np.ndarray, "height width"], Float32[np.ndarray, "height width"]]:
     """Column and row in the image taken, for every pixel of the straight one."""
     column, row = np.meshgrid(np.arange(0.0, camera.width), np.arange(0.0, camera.height))
-    rays = np.stack([(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, np.ones_like(row)], -1)
-    source = np.nan_to_num(camera.project(rays), nan=-10.0).astype(np.float32)  # NaN: no ray of the lens, as outside
+    x, y = (column - straight.cx) / straight.fx, (row - straight.cy) / straight.fy
+    source = np.nan_to_num(camera.project(np.stack([x, y, np.ones_like(x)], -1)), nan=-10.0).astype(
+        np.float32
+    )  # NaN: no ray of the lens, as outside
     return np.ascontiguousarray(source[..., 0]), np.ascontiguousarray(source[..., 1])
 
 

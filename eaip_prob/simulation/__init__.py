@@ -1,6 +1,10 @@
 """Simulated scenes and cameras: furniture, people, a robot, ray-cast images, and the noise of depth cameras."""
 
 from eaip_prob.simulation.clip import Clip
+from eaip_prob.simulation.cloth import ClothBag, ClothState
+from eaip_prob.simulation.cloth_contact import Obstacle
+from eaip_prob.simulation.cloth_mesh import BagMesh
+from eaip_prob.simulation.coverage import covered_points, surface_points
 from eaip_prob.simulation.four_legs import Chair, Table
 from eaip_prob.simulation.furniture import AbstractObject, Bookshelf, FoldingTable, OfficeChair, Stepladder
 from eaip_prob.simulation.kinect import Kinect, KinectModel, Rig, looking_at, render_rgbd
@@ -18,10 +22,13 @@ __all__ = [
     "NOTHING",
     "AbstractObject",
     "Bag",
+    "BagMesh",
     "BaxterShape",
     "Bookshelf",
     "Chair",
     "Clip",
+    "ClothBag",
+    "ClothState",
     "FoldingTable",
     "Kinect",
     "KinectModel",
@@ -31,6 +38,7 @@ __all__ = [
     "Lighting",
     "Mesh",
     "MeshFile",
+    "Obstacle",
     "OfficeChair",
     "OracleDetector",
     "Part",
@@ -45,6 +53,7 @@ __all__ = [
     "bent",
     "box",
     "camera_generators",
+    "covered_points",
     "cylinder",
     "ellipsoid",
     "joined",
@@ -56,5 +65,6 @@ __all__ = [
     "render_rgbd",
     "revolved",
     "sheet",
+    "surface_points",
     "tube",
 ]

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from eaip_prob.data.frames import RGBDFrame, inverse
 from eaip_prob.detection.base import CLASSES, AbstractObjectDetector, Detections, frame_of
-from eaip_prob.errors import InputError
+from eaip_prob.errors import InputError, ShapeError
 from eaip_prob.simulation.kinect import Kinect, render_rgbd
 from eaip_prob.simulation.render import Labels, Lighting, View
 from eaip_prob.simulation.scene import Part, Scene
@@ -171,7 +171,7 @@ class OracleDetector(AbstractObjectDetector):
     Args:
         camera: whose frame is read.
         box_std: standard deviation of the box's centre and size, share of its width and height.
-        place_std: standard deviation of the place's centre and edge lengths, m.
+        place_std: standard deviation of the place's centre and edge lengths, m; one number or six.
         wrong_class: probability of another class, each of the others alike; the score is one less this.
         drop_out: probability that an object is not found.
         largest_covered: an object of which more than this share is covered is not found.
@@ -179,6 +179,7 @@ class OracleDetector(AbstractObjectDetector):
 
     Raises:
         InputError: a share or probability outside 0 to 1, or a standard deviation below zero.
+        ShapeError: another number of standard deviations.
 
     Example:
         >>> from eaip_prob.data.frames import Intrinsics
@@ -195,7 +196,7 @@ class OracleDetector(AbstractObjectDetector):
         self,
         camera: str = "right",
         box_std: float = 0.0,
-        place_std: float = 0.0,
+        place_std: float | Sequence[float] = 0.0,
         wrong_class: float = 0.0,
         drop_out: float = 0.0,
         largest_covered: float = 1.0,
@@ -204,10 +205,13 @@ class OracleDetector(AbstractObjectDetector):
         shares = {"wrong_class": wrong_class, "drop_out": drop_out, "largest_covered": largest_covered}
         if not all(0.0 <= share <= 1.0 for share in shares.values()):
             raise InputError(f"Expected probabilities and shares from 0 to 1, got {shares}.")
-        if not (0.0 <= box_std < np.inf and 0.0 <= place_std < np.inf):
+        place = np.asarray(place_std, float)
+        if place.shape not in ((), (6,)):
+            raise ShapeError(f"Expected place_std as one number or six, got the shape {place.shape}.")
+        if not (0.0 <= box_std < np.inf and (place >= 0.0).all() and np.isfinite(place).all()):
             raise InputError(f"Expected box_std and place_std of at least zero, got {box_std} and {place_std}.")
         self.camera, self.seed = camera, seed
-        self.box_std, self.place_std = box_std, place_std
+        self.box_std, self.place_std = box_std, np.broadcast_to(place, 6)
         self.wrong_class, self.drop_out, self.largest_covered = wrong_class, drop_out, largest_covered
 
     def detect(self, frames: Sequence[RGBDFrame]) -> Detections:
@@ -250,5 +254,5 @@ class OracleDetector(AbstractObjectDetector):
             image_size=image_size,
             box_covariance=std[:, :, None] ** 2 * np.eye(4),
             place=np.stack([one.place for one in found]),
-            place_covariance=np.tile(self.place_std**2 * np.eye(6), (count, 1, 1)),
+            place_covariance=np.tile(np.diag(self.place_std**2), (count, 1, 1)),
         )

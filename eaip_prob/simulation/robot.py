@@ -18,8 +18,8 @@ from eaip_prob.simulation.person import bent
 class BaxterShape:
     """Torso, head and two arms of capsules, whose grippers are where they are told to be.
 
-    Link lengths follow Baxter's arm (shoulder to elbow 0.37 m, elbow to gripper 0.37 + 0.25 m); joint angles are not
-    modelled.
+    Where nothing is said of the arms, two links take Baxter's lengths (shoulder to elbow 0.37 m, elbow to gripper
+    0.37 + 0.25 m), whatever the joints allow; `eaip_prob.robot.link_points` gives arms as joint angles hold them.
 
     Args:
         floor: height of the floor below the robot's base, m (negative).
@@ -38,14 +38,18 @@ class BaxterShape:
     color: Color = (0.55, 0.12, 0.12)
     body_color: Color = (0.25, 0.26, 0.28)
 
-    def mesh(self, grippers: Float[np.ndarray, "hands 3"]) -> Mesh:
+    def mesh(
+        self, grippers: Float[np.ndarray, "hands 3"], arms: Sequence[Float[np.ndarray, "points 3"]] | None = None
+    ) -> Mesh:
         """The robot at the origin of the world.
 
         Args:
-            grippers: (2, 3), tips of the left and the right gripper, m.
+            grippers: (2, 3), tips of the left and the right gripper, m; not looked at where arms are given.
+            arms: the left and the right arm, each (any, 3): corners of the line from the shoulder to the tip, of which
+                the last three are wrist, hand and tip, m. None bends two links towards each gripper.
 
         Raises:
-            ShapeError: grippers of another shape.
+            ShapeError: grippers or arms of another shape.
         """
         grippers = np.asarray(grippers, float)
         if grippers.shape != (2, 3):
@@ -57,9 +61,24 @@ class BaxterShape:
             tube((0.0, 0.0, 0.4), (0.05, 0.0, 0.62), 0.05, self.body_color),
             box((0.05, 0.30, 0.20), self.color).at(0.11, 0.0, 0.66),
         ]
+        if arms is not None:
+            return joined([*parts, *(link for points in _checked_arms(arms) for link in self._links(points))])
         for gripper, side in zip(grippers, (1.0, -1.0), strict=True):
             parts += self._arm(np.array([0.06, side * 0.26, self.shoulder_height]), gripper, side)
         return joined(parts)
+
+    def _links(self, points: np.ndarray) -> list[Mesh]:
+        # Radii and the end of the wrist's cylinder are those of the collision model in baxter.urdf; the gripper's is a
+        # guess.
+        wrist, hand, tip = points[-3:]
+        cuff = wrist + 0.6 * (hand - wrist)
+        links = [tube(a, b, 0.06, self.color, rounded=True) for a, b in zip(points[:-3], points[1:-2], strict=True)]
+        return [
+            *links,
+            tube(wrist, cuff, 0.06, self.color, rounded=True),
+            tube(cuff, hand, 0.04, self.body_color),
+            tube(hand, tip, 0.025, self.body_color),
+        ]
 
     def _arm(self, shoulder: np.ndarray, gripper: np.ndarray, side: float) -> list[Mesh]:
         elbow = bent(shoulder, gripper, 0.37, 0.62, towards=np.array([-0.3, side, 0.2]))
@@ -70,6 +89,16 @@ class BaxterShape:
             tube(elbow, wrist, 0.05, self.color, rounded=True),
             tube(wrist, gripper, 0.025, self.body_color, rounded=True),
         ]
+
+
+def _checked_arms(arms: Sequence[np.ndarray]) -> list[np.ndarray]:
+    points = [np.asarray(arm, float) for arm in arms]
+    if len(points) != 2 or any(arm.ndim != 2 or arm.shape[-1] != 3 or len(arm) < 4 for arm in points):
+        raise ShapeError(
+            f"Expected two arms, left and right, each (points, 3) with at least four points, got shapes "
+            f"{[arm.shape for arm in points]}. Give link_points(arm, joints) of one time for each."
+        )
+    return points
 
 
 @dataclass(frozen=True)

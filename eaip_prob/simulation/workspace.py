@@ -59,6 +59,7 @@ class Workspace:
         hands: Float[np.ndarray, "hands 3"],
         grippers: Float[np.ndarray, "hands 3"],
         lip: Float[np.ndarray, "hands 3"] | None = None,
+        bag: Mesh | None = None,
     ) -> Scene:
         """What is there while gloves and grippers are where they are.
 
@@ -66,14 +67,17 @@ class Workspace:
             hands: (2, 3), centres of the person's left and right glove, m.
             grippers: (2, 3), tips of the robot's left and right gripper, m.
             lip: (2, 3), where the partner's edge of the bag is held, m; default by both hands.
+            bag: that was simulated (`ClothBag.mesh`), in its place; default the sheet of `Bag` between the hands.
         """
         hands, grippers = np.asarray(hands, float), np.asarray(grippers, float)
         held = hands if lip is None else np.asarray(lip, float)
-        parts = {"floor": self._floor, "thing": self._placed}
+        parts = {"floor": self._floor, "thing": self.placed}
         parts |= self.person.meshes(hands, (*self.person_position, self.floor))
         if self.robot is not None:
             parts["robot"] = self.robot.mesh(grippers)
-        if self.bag is not None:
+        if bag is not None:
+            parts["bag"] = bag
+        elif self.bag is not None:
             # The partner faces the robot: the robot's left gripper is across from the partner's right hand.
             parts["bag"] = self.bag.mesh(np.stack([grippers, held[::-1]]))
         return Scene([Part(name, mesh, self.tile if name == "floor" else 0.0) for name, mesh in parts.items()])
@@ -84,7 +88,8 @@ class Workspace:
         return sheet(np.stack([x, y, np.full_like(x, self.floor)], -1), self.floor_color)
 
     @cached_property
-    def _placed(self) -> Mesh:
+    def placed(self) -> Mesh:
+        """The object where it stands in the world, m."""
         T, c, s = np.eye(4), np.cos(self.thing_turn), np.sin(self.thing_turn)
         T[:2, :2] = [[c, -s], [s, c]]
         T[:3, 3] = (*self.thing_position, self.floor)

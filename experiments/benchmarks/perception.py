@@ -5,6 +5,7 @@ render_colour_960  a colour image of 960 x 540 for a detector, from building the
 noise              the noise of one frame
 track_3            three frames to the position and covariance of both gloves
 yolo, onnx         a colour image of 960 x 540 to objects, by torch and by OpenCV from the exported network
+loop/*             one frame of the bag task's loop from cached images: gloves, detector, phase, posterior, plan, total
 fuse_3             three frames to one coloured cloud of 1 cm voxels; beside it, by open3d's own filters
 
 All take turns, so that a busy spell of the machine falls on all of them. metrics.json holds medians (ms, plain), the
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 @experiment("benchmarks/perception")
 def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     """Times all operations in turn, prints the table; returns medians and percentiles in milliseconds."""
+    from _loop_jobs import loop_jobs
     from _perception_jobs import Moments, jobs
     from _timing import interleaved, machine, medians_of, spread_of, written_beside
 
@@ -35,7 +37,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
 
     moments = Moments.of(cfg)
     before = machine()
-    times = interleaved(jobs(moments, cfg.seed, folder), cfg.repetitions, sample_ms=0.0)
+    times = interleaved(jobs(moments, cfg.seed, folder) | loop_jobs(cfg), cfg.repetitions, sample_ms=0.0)
     line = written_beside(folder, before)
     medians = medians_of(times)
     spread = spread_of({name[3:]: sample for name, sample in times.items() if name.startswith("ms/")})
