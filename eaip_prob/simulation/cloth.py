@@ -55,7 +55,7 @@ class ClothBag:
         perimeter: of the mouth, m.
         length: from the mouth to the closed end, m.
         spacing: between neighbouring vertices, m.
-        slack: share by which an edge is longer than the hands that hold it are apart at first.
+        slack: least share by which an edge is longer than the hands that hold it are apart at first.
         thickness: distance that vertices keep from object and floor, m.
         friction: Coulomb's coefficient on object and floor.
         drag: of the air, share of the velocity lost in a second, for short times, 1/s.
@@ -78,7 +78,7 @@ class ClothBag:
     perimeter: float = 5.6
     length: float = 1.2
     spacing: float = 0.1
-    slack: float = 0.1
+    slack: float = 0.05
     thickness: float = 0.015
     friction: float = 0.1
     drag: float = 3.0
@@ -112,7 +112,7 @@ class ClothBag:
         handles = _checked(handles)
         apart = np.linalg.norm(handles[[3, 2]] - handles[[0, 1]], axis=1)
         held = self.layout.held(float(apart.max()) * (1.0 + self.slack))
-        side = 2 * held[1] * self.perimeter / self.layout.num_columns
+        side = 2 * held[1] * self.perimeter / self.layout.num_columns  # of the robot; the partner's is no shorter
         sides = np.linalg.norm(handles[[1, 3]] - handles[[0, 2]], axis=1)
         if sides.max() > side:
             raise InputError(

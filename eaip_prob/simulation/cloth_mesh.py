@@ -65,19 +65,20 @@ class BagMesh:
         """(4,), the vertices at the robot's left and right and the partner's left and right hand.
 
         Args:
-            width: of the mouth from the robot's hands to the partner's, m.
+            width: of the mouth from the robot's hands to the partner's, m; rounded up to whole spacings.
 
         Raises:
-            InputError: no vertex between two hands.
+            InputError: no width, or nothing left between the hands of each.
         """
         half, step = self.num_columns // 2, self.perimeter / self.num_columns
-        quarter = round((half - width / step) / 2)
-        if not 1 <= quarter <= (half - 1) // 2:
+        left = int(np.floor(half - width / step + 1e-9))  # for both folds; rounded down, or the hands would pull
+        if not 2 <= left < half:
             raise InputError(
-                f"Expected a width of the mouth from {step:.3g} to {(half - 2) * step:.3g} m, got {width:.3g} m. Bring "
+                f"Expected a width of the mouth above zero and up to {(half - 2) * step:.3g} m, got {width:.3g} m. Bring "
                 "the hands of the robot and of its partner closer together or further apart, or change the perimeter."
             )
-        return np.array([self.num_columns - quarter, quarter, half - quarter, half + quarter])
+        near, far = left // 2, left - left // 2
+        return np.array([self.num_columns - near, near, half - far, half + far])
 
     @cached_property
     def grid(self) -> Int64[np.ndarray, "rows columns"]:

@@ -77,11 +77,17 @@ def test_edges_have_the_lengths_of_the_flat_bag():
     assert np.linalg.norm(flat[edges[:, 0]] - flat[edges[:, 1]], axis=1) == pytest.approx(rest)
 
 
-def test_the_mouth_runs_from_hand_to_hand_and_each_edge_has_the_width_asked_for():
+@pytest.mark.parametrize(("width", "steps"), [(1.2, 12), (1.21, 13), (1.29, 13), (0.01, 1), (1.8, 18)])
+def test_the_mouth_runs_from_hand_to_hand_and_no_edge_is_shorter_than_asked_for(width, steps):
+    left, right, partners_left, partners_right = BagMesh(perimeter=4.0, length=1.0, spacing=0.1).held(width)
+    assert partners_left - right == left - partners_right == steps
+    robots, partners = 40 - left + right, partners_right - partners_left
+    assert robots + partners == 40 - 2 * steps and 0 <= partners - robots <= 2
+    assert right == 40 - left and partners_left == 40 - partners_right  # the folds are between the hands of each
+
+
+def test_a_bag_starts_straight_from_its_mouth():
     mesh = BagMesh(perimeter=4.0, length=1.0, spacing=0.1)
-    left, right, partners_left, partners_right = mesh.held(width=1.2)
-    assert partners_left - right == partners_right - partners_left + (1.2 - 0.8) / 0.1 == 12
-    assert left - partners_right == 12 and 40 - left + right == 8
     handles = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     points = mesh.straight(handles, mesh.held(1.2))
     assert points[mesh.held(1.2)] == pytest.approx(handles)
@@ -96,23 +102,23 @@ def test_a_closed_bag_starts_outwards():
 
 def test_hands_take_as_much_of_the_mouth_as_they_are_apart(hung):
     other = BAG.init(CLOSED + [[0, 0, 0], [0, 0, 0], [0.3, 0, 0], [0.3, 0, 0]])
-    assert hung.held[2] - hung.held[1] == 6 and other.held[2] - other.held[1] == 10
+    assert hung.held[2] - hung.held[1] == 7 and other.held[2] - other.held[1] == 10
 
 
 def test_a_bag_hangs_from_its_handles_without_stretching(hung):
     assert (hung.position[hung.held] == CLOSED).all()
-    assert BAG.stretch(hung) < 0.03
+    assert BAG.stretch(hung) < 0.03 and np.sqrt((hung.velocity**2).sum(1).mean()) < 0.2
     assert ON_FLOOR.depth(hung.position).max() <= -BAG.thickness + 1e-9
-    assert hung.position[:, 1].mean() == pytest.approx(-0.4, abs=0.06)  # straight down
+    assert hung.position[:, 1].mean() == pytest.approx(-0.4, abs=0.12)  # below the hands
 
 
 def test_a_bag_comes_to_rest_and_then_gains_no_energy(hung):
     state, energies = hung, []
-    for _ in range(150):
+    for _ in range(240):
         last, state = state, BAG.step(state, CLOSED, 1 / 30, ON_FLOOR)
         energies.append(energy(state))
     # A sum over the vertices, of mass one: 0.05 is 0.03 mm of height for each.
-    assert max(energies[90:]) < energies[89] + 0.05 and energies[-1] < energy(hung)
+    assert max(energies[180:]) < energies[179] + 0.05 and energies[-1] < energy(hung)
     assert np.sqrt(((state.position - last.position) ** 2).sum(1).mean()) * 30 < 0.005
 
 
@@ -173,8 +179,9 @@ def test_planes_of_a_hull_are_merged_and_hold_all_of_the_mesh():
     assert obstacle.depth(np.array([[0.0, 0.0, -0.2], [3.0, 0.0, 0.5]])) == pytest.approx([0.2, -0.5])
 
 
+@pytest.mark.slow
 def test_a_small_sweep_covers_a_cube(hung):
-    bag, num = ClothBag(perimeter=4.0, length=0.8, spacing=0.125), 120
+    bag, num = ClothBag(perimeter=4.0, length=0.8, spacing=0.11), 110
     hands = sweep(CUBE, num, still=-0.75, end=-0.75)
     state, stretch = bag.init(hands[0], ON_FLOOR), []
     points = surface_points(CUBE, 300, np.random.default_rng(0))
@@ -240,9 +247,9 @@ def test_what_no_bag_can_follow_is_refused(hung):
         BAG.step(hung, CLOSED, 0.0, ON_FLOOR)
     with pytest.raises(ShapeError, match="this bag's 183 vertices.*Start with init"):
         BAG.stretch(ClothState(hung.position[1:], hung.velocity[1:], hung.held))
-    with pytest.raises(InputError, match="width of the mouth from 0.1 to 1.2 m, got 1.43 m"):
+    with pytest.raises(InputError, match="width of the mouth above zero and up to 1.2 m, got 1.37 m"):
         BAG.init(CLOSED * [1.0, 1.0, 1.0] + [[0, 0, 0], [0, 0, 0], [0.7, 0, 0], [0.7, 0, 0]])
-    with pytest.raises(InputError, match="at most 0.8 m apart.*got 1.3 m"):
+    with pytest.raises(InputError, match="at most 0.6 m apart.*got 1.3 m"):
         BAG.init(CLOSED + [[0, 0, 1.0], [0, 0, 0], [0, 0, 0], [0, 0, 1.0]])
 
 

@@ -53,9 +53,9 @@ def test_a_point_on_the_axis_needs_a_cover_too():
 
 
 def test_a_point_just_under_the_cloth_is_covered():
-    close = np.array([[1.0, 0.1, 0.9 - 2e-4]])
-    walls = box((1.0, 1.0, 3.0), (1, 1, 1)).at(0.9, 0.1, -0.55)
-    assert covered_points(close, joined([roof(), walls]), AXIS).tolist() == [True]
+    cover = box((1.0, 1.0, 3.0), (1, 1, 1)).at(*AXIS, 0.9 - 1.5)
+    close = np.array([[1.0, 0.1, 0.9 - 2e-4], [1.4 - 2e-4, 0.1, 0.0], [1.0, 0.1, 0.9 + 2e-4]])
+    assert covered_points(close, cover, AXIS).tolist() == [True, True, False]
 
 
 def test_points_are_drawn_evenly_by_area():

@@ -55,7 +55,7 @@ class Step:
 
     Args:
         instant: how things were.
-        sighting: what was seen; None between looks.
+        sighting: what the robot was told, with what went wrong; None between looks.
         report: of the loop.
         execution: of the robot after it.
     """
@@ -108,8 +108,9 @@ class Trial:
                 sighting, seeing = self.perception.see(instant, seeing, time <= loop.looking + _ROUND_OFF)
                 late.append(sighting)
             arrived = late.pop(0) if late and late[0].time + self.faults.delay <= time + _ROUND_OFF else None
-            report, state = loop.step(None if arrived is None else self._faulty(arrived), time, state)
-            yield Step(instant, arrived, report, state.execution)
+            told = None if arrived is None else self._faulty(arrived)
+            report, state = loop.step(told, time, state)
+            yield Step(instant, told, report, state.execution)
             number, left = number + 1, left - ended
 
     def _carried(
