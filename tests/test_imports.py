@@ -60,7 +60,7 @@ for name in {MODULES!r}:
     if os.wait()[1]:
         print(name)
 """
-    answer = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    answer = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=900)
     assert (answer.returncode, answer.stdout) == (0, ""), answer.stderr
 
 

@@ -79,7 +79,7 @@ class ClothBag:
     length: float = 1.2
     spacing: float = 0.1
     slack: float = 0.05
-    thickness: float = 0.015
+    thickness: float = 0.025
     friction: float = 0.1
     drag: float = 3.0
     color: Color = (0.80, 0.82, 0.86)

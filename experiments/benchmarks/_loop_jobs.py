@@ -20,6 +20,7 @@ def loop_jobs(cfg: DictConfig) -> dict[str, Callable[[], Any]]:
     hypotheses, `plan` the path, its check against the object and the arm, and the next command; `total` does it all.
     """
     from eaip_prob.config import build
+    from eaip_prob.data import RawFeatures
     from eaip_prob.detection import MetricBoxEncoder
     from eaip_prob.phase import ExpectedMarginalClock
     from eaip_prob.prediction import InteractionPredictor
@@ -31,7 +32,10 @@ def loop_jobs(cfg: DictConfig) -> dict[str, Callable[[], Any]]:
     from eaip_prob.tasks.bag_covering.recorded import demonstration_set, shipped
 
     encoder, workspace = MetricBoxEncoder(), build(cfg.workspace)
-    predictor = InteractionPredictor(phase=ExpectedMarginalClock()).fit(demonstration_set(shipped(), encoder))
+    # Nothing is chosen on held-out motions: that takes a minute, and the time of a prediction does not depend on it.
+    given = {"noise": 0.005, "environment_noise": 0.01, "gate": False, "trust": False, "recalibrate": False}
+    predictor = InteractionPredictor(phase=ExpectedMarginalClock(), features=RawFeatures(), **given)
+    predictor = predictor.fit(demonstration_set(shipped(), encoder))
     perception = KinectPerception(
         build(cfg.rig),
         build(cfg.camera),

@@ -26,6 +26,7 @@ def labelled_frame(site: Site, camera: Kinect, time: float = 0.0) -> LabelledFra
         time: s.
 
     Example:
+        >>> from eaip_prob.data.frames import Intrinsics
         >>> from eaip_prob.simulation import Bookshelf, KinectModel, Workspace, looking_at
         >>> shelf = Bookshelf(0.4, 0.3, 0.9, 2, 0.018, (0.4, 0.25, 0.15), (0.3, 0.2, 0.1))
         >>> small = Intrinsics(96, 54, 53.0, 53.0, 48.0, 27.0)

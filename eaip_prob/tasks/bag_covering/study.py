@@ -131,7 +131,7 @@ def distance(path: Float[np.ndarray, "time 3"], other: Float[np.ndarray, "time 3
         other: (T, 3), m.
 
     Example:
-        >>> distance(np.zeros((2, 3)), np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])) ** 2
+        >>> round(distance(np.zeros((2, 3)), np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])) ** 2, 9)
         12.5
     """
     return float(np.sqrt(np.square(path - other).sum(-1).mean()))
