@@ -74,8 +74,8 @@ class BagMesh:
         left = int(np.floor(half - width / step + 1e-9))  # for both folds; rounded down, or the hands would pull
         if not 2 <= left < half:
             raise InputError(
-                f"Expected a width of the mouth above zero and up to {(half - 2) * step:.3g} m, got {width:.3g} m. Bring "
-                "the hands of the robot and of its partner closer together or further apart, or change the perimeter."
+                f"Expected a width of the mouth above zero and up to {(half - 2) * step:.3g} m, got {width:.3g} m. "
+                "Bring the hands of the robot and of its partner together or further apart, or change the perimeter."
             )
         near, far = left // 2, left - left // 2
         return np.array([self.num_columns - near, near, half - far, half + far])
