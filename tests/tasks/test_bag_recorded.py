@@ -8,6 +8,7 @@ from covering_world import TRAINED, perception, recorded
 
 from eaip_prob.detection import Detections, MetricBoxEncoder, PaperEncoder
 from eaip_prob.errors import DataFileError, InputError
+from eaip_prob.tasks.bag_covering import running
 from eaip_prob.tasks.bag_covering.demonstrating import seen_by
 from eaip_prob.tasks.bag_covering.recorded import demonstration_set, load_recorded, save_recorded, shipped
 from eaip_prob.tasks.bag_covering.telling import tells
@@ -60,3 +61,16 @@ def test_another_detector_reads_what_the_object_truly_was():
 def test_what_the_first_second_tells_is_between_chance_and_all():
     told = tells(shipped())
     assert 0.25 < told["decodable/object"] < 1.0 and told["decodable/size"] < 1.0
+
+
+def test_results_follow_from_the_demonstrations_of_the_package(tmp_path, monkeypatch):
+    package = tmp_path / "eaip_prob"
+    place = package / "tasks" / "bag_covering"
+    place.mkdir(parents=True)
+    (place / "running.py").write_text("code")
+    monkeypatch.setattr(running, "__file__", str(place / "running.py"))
+    digests = [running.source_digest()]
+    for name in ("demonstrations.npz", "weights.safetensors", "other.py", "notes.md"):
+        (place / name).write_text(name)
+        digests.append(running.source_digest())
+    assert len(set(digests[:4])) == 4 and digests[4] == digests[3]

@@ -33,6 +33,7 @@ from eaip_prob.tasks.bag_covering.study import Predictors
 from eaip_prob.tasks.bag_covering.trial import Looks, Step, Trial
 
 _WORDS, _NUMBERS = ("kind", "reason"), ("duration", "covered", "clearance", "ready")
+_SOURCES = (".py", ".npz", ".safetensors")
 _ARRAYS = ("time", "gripper", "near", "deviation")
 
 
@@ -202,7 +203,7 @@ def result_key(context: str, name: str) -> str:
 
 
 def source_digest() -> str:
-    """Of the package's own code: results of other code are not taken for those of this one.
+    """Of the package's code, weights and demonstrations: results of others are not taken for those of these.
 
     Example:
         >>> len(source_digest())
@@ -210,7 +211,7 @@ def source_digest() -> str:
     """
     root = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
+    for path in sorted(path for path in root.rglob("*") if path.suffix in _SOURCES):
         digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
