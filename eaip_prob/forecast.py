@@ -13,7 +13,7 @@ from torch import Tensor
 from eaip_prob.checks import as_float64, check_count, check_finite
 from eaip_prob.errors import ShapeError
 from eaip_prob.evaluation.uncertainty import mixture_quantile
-from eaip_prob.linalg import symmetrised
+from eaip_prob.linalg import flat_members, symmetrised
 from eaip_prob.models.base import Posterior
 from eaip_prob.phase.base import PhaseEstimate
 from eaip_prob.primitives.base import AbstractPrimitive, Boundary
@@ -190,6 +190,12 @@ class Prediction:
         check_count("num", num)
         draws, index = self.posterior.inflated(self.inflation).sample(num, generator)
         matrix, offset = self._design
-        paths = (self.primitive.per_signal(draws)[..., None, :, :] @ matrix.mT + offset).mT
-        chosen = index[..., None, None, None].expand(*index.shape, 1, *paths.shape[-2:])
-        return paths.gather(-3, chosen)[..., 0, :, :]
+        shape = self.posterior.log_weight.shape
+        member = index.reshape(num, -1) + shape[-1] * torch.arange(index[0].numel())
+
+        def of_draws(part: Tensor) -> Tensor:
+            """The hypothesis of each draw, where hypotheses differ."""
+            rows, place = flat_members(part, 2, shape)
+            return rows[0] if len(rows) == 1 else rows[place[member]].reshape(*index.shape, *rows.shape[1:])
+
+        return (self.primitive.per_signal(draws) @ of_draws(matrix).mT + of_draws(offset)).mT

@@ -26,6 +26,7 @@ from eaip_prob.training import ENVIRONMENT, HUMAN, Fitted
 from eaip_prob.trust import tempered
 
 # An end that a step meets up to round-off takes no further step.
+_FULL = 0.999  # trust from which on what it would leave out is not worth a second posterior
 _SNAP_STEPS = 1e-6
 Ask = Callable[[Sequence[AbstractObservation], bool, Tensor], Posterior]
 
@@ -156,9 +157,9 @@ def _believed(fitted: Fitted, trajectory: Trajectory, phase: PhaseEstimate, know
     in_motion, in_scene = not fitted.trust.is_full, known and not fitted.scene_trust.is_full
     if in_motion or in_scene:
         share = seen_share(trajectory, phase)
-        if in_motion and bool(((believed := fitted.trust.at(share)) < 1.0).any()):
+        if in_motion and bool(((believed := fitted.trust.at(share)) < _FULL).any()):
             posterior = tempered(ask((), known, prior), posterior, believed)
-        if in_scene and bool(((believed := fitted.scene_trust.at(share)) < 1.0).any()):
+        if in_scene and bool(((believed := fitted.scene_trust.at(share)) < _FULL).any()):
             posterior = tempered(ask(human, False, prior), posterior, believed)
     return posterior
 

@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 import os
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import get_lapack_funcs
 from torch import Tensor
 
@@ -105,6 +106,26 @@ def psd_root(matrix: Float[Tensor, "*batch n n"]) -> Float[Tensor, "*batch n ran
     if not bool(info.any()) and bool(torch.isfinite(factor).all()):
         return factor
     return _eigen_root(matrix)
+
+
+def flat_members(
+    array: Float[Tensor, "*batch values"], num_axes: int, shape: Sequence[int]
+) -> tuple[Float[Tensor, "members values"], Int[Tensor, "all"]]:
+    """(the members of a batch one after the other, which of them stands at each place of a larger batch); no copies.
+
+    Args:
+        array: with batch axes that broadcast to the shape.
+        num_axes: at the end that are no batch axes.
+        shape: of the larger batch.
+
+    Example:
+        >>> members, place = flat_members(torch.tensor([[[1.0], [2.0]]]), 1, (2, 2))
+        >>> members[place].flatten().tolist()
+        [1.0, 2.0, 1.0, 2.0]
+    """
+    batch = array.shape[: array.ndim - num_axes]
+    places = torch.arange(math.prod(batch)).reshape(batch).expand(*shape).flatten()
+    return array.reshape(-1, *array.shape[array.ndim - num_axes :]), places
 
 
 def _eigen_root(matrix: Tensor) -> Tensor:

@@ -17,7 +17,8 @@ from eaip_prob.runs import experiment
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-    from eaip_prob.tasks.detection import CoveringViews
+    from eaip_prob.simulation import Kinect
+    from eaip_prob.tasks.detection import AbstractCoveringViews
 
 
 @experiment("detection")
@@ -53,8 +54,20 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     return metrics | features | {"seconds/total": time.perf_counter() - started}
 
 
-def planned(cfg: DictConfig) -> Iterator[tuple[str, CoveringViews]]:
-    """Each object in all its placements; a placement's number gives every object the same one."""
+def planned(cfg: DictConfig) -> Iterator[tuple[str, AbstractCoveringViews]]:
+    """Each object in all its placements."""
+    from eaip_prob.config import build
+    from eaip_prob.errors import InputError
+
+    (camera,) = [one for one in build(cfg.rig).cameras(build(cfg.camera)) if one.name == cfg.detecting_camera]
+    kinds = {"sheet": with_sheet, "cloth": with_cloth}
+    if cfg.bag not in kinds:
+        raise InputError(f"Expected bag as one of {list(kinds)}, got {cfg.bag!r}. Set bag=sheet or bag=cloth.")
+    yield from kinds[cfg.bag](cfg, camera)
+
+
+def with_sheet(cfg: DictConfig, camera: Kinect) -> Iterator[tuple[str, AbstractCoveringViews]]:
+    """A sheet that is carried up, over and down; a placement's number gives every object the same one."""
     from dataclasses import replace
 
     import numpy as np
@@ -63,13 +76,25 @@ def planned(cfg: DictConfig) -> Iterator[tuple[str, CoveringViews]]:
     from eaip_prob.tasks.detection import CoveringViews, Placement
 
     room, noise = build(cfg.workspace), build(cfg.kinect_noise)
-    (camera,) = [one for one in build(cfg.rig).cameras(build(cfg.camera)) if one.name == cfg.detecting_camera]
     for name, thing in {**cfg.training, **cfg.novel}.items():
         with_thing = replace(room, thing=build(thing))
         for trial in range(cfg.trials):
             placement = Placement.drawn(np.random.default_rng((cfg.seed, trial)))
-            label = cfg.classes[name]
-            yield name, CoveringViews(with_thing, label, placement, camera, cfg.frames, noise, cfg.seed + trial)
+            views = (cfg.classes[name], camera, cfg.frames, noise, cfg.seed + trial)
+            yield name, CoveringViews(*views, with_thing, placement)
+
+
+def with_cloth(cfg: DictConfig, camera: Kinect) -> Iterator[tuple[str, AbstractCoveringViews]]:
+    """The simulated bag of the bag task, carried by partners that its robot has not met."""
+    from eaip_prob.config import build
+    from eaip_prob.tasks.bag_covering import setting
+    from eaip_prob.tasks.bag_covering.cloth_views import ClothViews
+    from eaip_prob.tasks.bag_covering.people import TEST
+
+    room, noise = setting.room(cfg), build(cfg.kinect_noise)
+    for case in room.cases(list(room.things), TEST, cfg.trials, cfg.seed):
+        views = (case.site.label, camera, cfg.frames, noise, case.seed)
+        yield case.site.name, ClothViews(*views, case)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from eaip_prob.errors import NotPositiveDefiniteError, NumericalWarning
 from eaip_prob.linalg import (
+    flat_members,
     log_det,
     min_norm_solution,
     orthonormal_coordinates,
@@ -218,3 +220,11 @@ def test_orthonormal_coordinates_of_singular_gram_matrices_stay_an_inverse() -> 
     # The floor of 1e-10 of the largest eigenvalue, at most 6, is all that is added.
     np.testing.assert_allclose((forward.mT @ forward - gram) / size / size[:, None], np.zeros((6, 6)), atol=6e-10)
     assert float((back * size[:, None]).abs().max()) < 1.01e5
+
+
+@pytest.mark.parametrize("batch", [(), (1,), (2, 1), (3,), (2, 3)])
+def test_members_of_a_batch_are_found_at_their_places(batch: tuple[int, ...]) -> None:
+    array = randn(*batch, 4, 2)
+    members, place = flat_members(array, 2, (2, 3))
+    assert torch.equal(members[place].reshape(2, 3, 4, 2), array.expand(2, 3, 4, 2))
+    assert len(members) == max(1, math.prod(batch))

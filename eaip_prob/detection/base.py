@@ -133,18 +133,20 @@ class AbstractImageDetector(AbstractObjectDetector):
         """
 
     def detect(self, frames: Sequence[RGBDFrame]) -> Detections:
-        """What the camera's colour image shows, with its place in the world from the camera's depth.
+        """What the camera's colour image shows, with its place in the world from the depth of all cameras.
 
         Args:
-            frames: of all cameras that delivered one.
+            frames: of all cameras that delivered one; those of another moment say nothing of places.
 
         Raises:
             InputError: the camera is not among them.
         """
         from eaip_prob.detection.placing import placed
+        from eaip_prob.perception.fusion import HALF_FRAME
 
         frame = frame_of(frames, self.camera)
-        return placed(self.detect_image(frame.color), frame)
+        others = [one for one in frames if one is not frame and abs(one.time - frame.time) <= HALF_FRAME]
+        return placed(self.detect_image(frame.color), frame, others=others)
 
 
 def frame_of(frames: Sequence[RGBDFrame], camera: str) -> RGBDFrame:

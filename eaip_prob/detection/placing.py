@@ -1,45 +1,59 @@
-"""Where in the world what a detector has found stands, from the depth inside its box.
+"""Where in the world what a detector has found stands, from the depth of all cameras around its box.
 
-Depth points are projected into the colour image; those near the box are taken, the floor is cut away, and what remains
-falls apart into clusters. A cluster is of the object if it stands on the floor and lies in the box for the most part,
-or hangs in the air and lies in the box as a whole: arms, a bag, and what is seen behind the object do not.
+Depth points are projected into the colour image; those around the box are taken, the floor is cut away, and what
+remains falls apart into clusters. A cluster is of the object if it stands on the floor and lies in the box for the most
+part, or hangs in the air and lies in the box as a whole: arms, a bag, and what is seen behind the object do not.
 
-One view shows the front of an object and its top. What is hidden is not made up: the face that looks away is where the
-last point was seen, and its standard deviation says how far off that is (`eaip_prob.detection.placing_box`).
+A bag that lies against the object's feet hangs together with it, and reaches far out of the box. Then the cut above the
+floor is raised until what is above it ends near the box: the object's upper part, which is taken down to the floor.
+Where no cut sets the object free, what lies in the box is taken, and the covariance says so.
+
+One view shows the front of an object and its top; more cameras show more sides. What none of them shows is not made up:
+the face that looks away is where the last point was seen, and its standard deviation says how far off that is
+(`eaip_prob.detection.placing_box`).
 """
 
 from __future__ import annotations
 
-import numpy as np
-from jaxtyping import Bool, Float, Int
+from collections.abc import Sequence
 
-from eaip_prob.data.frames import RGBDFrame
+import numpy as np
+from jaxtyping import Float, Int
+
+from eaip_prob.data.frames import RGBDFrame, inverse, pixel_rays
 from eaip_prob.detection.base import Detections
-from eaip_prob.detection.placing_box import UprightBox, one_view_box, voxel_clusters
+from eaip_prob.detection.placing_box import UprightBox, VoxelGrid, seen_box
 from eaip_prob.errors import ShapeError
 
 FLOOR_MARGIN = 0.015  # metres above the floor up to which points are its own
 STANDING = 0.15  # metres above the floor within which the lowest point of what stands on it is seen
-_AROUND = 1.3  # sizes of the box within which points are looked at
+_AROUND, _REACH = 1.7, 1.35  # sizes of the box within which points are looked at, and near which an object ends
 _INSIDE = 1.06  # sizes of the box that count as the box, which a detector gets a little wrong
-_SHARES = {"stands": 0.5, "hangs": 0.9}  # of a cluster that lies in the box, if it is of the object
-_WHOLE = 0.98  # share of the clusters below which the box cuts something off
+_SHARE, _HANGING_SHARE = 0.5, 0.75  # of a cluster that lies in the box, if it is of the object
+_WHOLE = 0.98  # share of an object that ends near the box
+_CUTS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  # metres above the floor, of what a bag at an object may hide
+_SLICE = 0.1  # metres, of the lower part in which its feet are told from a bag
 _GAP = 0.10  # metres, along x and y, between the parts of an object
-_LEAST_PART, _LEAST = 20, 60  # points of a part and of an object; fewer say too little
+_LEAST_VOXEL, _LEAST_PART, _LEAST = 2, 20, 60  # points of a voxel, a part and an object; fewer say too little
 _ALLOWED = 0.03  # share of its size by which the box may reach beyond the points
 _FLOOR_CELL = 0.02  # metres; resolution of heights among which the floor is sought
+_FLOOR_STRIDE = 2  # of the points that are looked at, for the floor
 _FLOOR_SHARE = 0.04  # of all points that lie within one such cell, if it is the floor
 _STEP, _NEIGHBOURS = 5.5, 3  # widths of a pixel between neighbours on a surface, and how many a pixel has at least
+_FINEST = 0.006  # rad between neighbouring pixels that are looked at, about: 1 cm at 2 m
 CLUSTER_VOXEL, CLUSTER_PIXELS = 0.04, 7.0  # metres, and widths of a pixel, of which the larger is a voxel of clusters
 
 
-def placed(detections: Detections, frame: RGBDFrame, floor: float | None = None) -> Detections:
+def placed(
+    detections: Detections, frame: RGBDFrame, floor: float | None = None, others: Sequence[RGBDFrame] = ()
+) -> Detections:
     """The detections with their place in the world and its covariance; NaN where depth does not show the object.
 
     Args:
         detections: in the colour image of the frame.
         frame: with the depth.
-        floor: height of the floor in the world, m; None to find it in the frame (`floor_height`).
+        floor: height of the floor in the world, m; None to find it in the frames (`floor_height`).
+        others: frames of other cameras at that time, whose depth shows what is hidden in this one.
 
     Raises:
         ShapeError: boxes in an image of another size.
@@ -57,10 +71,14 @@ def placed(detections: Detections, frame: RGBDFrame, floor: float | None = None)
         raise ShapeError(f"Expected boxes in the frame's image of {size} px, got {detections.image_size}.")
     place, covariance = np.full((len(detections), 6), np.nan), np.full((len(detections), 6, 6), np.nan)
     if len(detections):
-        points, pixels = _points_and_pixels(frame)
-        floor = floor_height(points) if floor is None else floor
+        frames = (frame, *others)
+        if floor is None:
+            floor = floor_height(np.concatenate([_points(one, -np.inf, _FLOOR_STRIDE) for one in frames]))
+        lowest = -np.inf if floor is None else floor + FLOOR_MARGIN
+        points = np.concatenate([_points(one, lowest) for one in frames])
+        pixels, poses = _pixels(points, frame), [one.T_world_camera for one in frames]
         for index, box in enumerate(detections.box):
-            found = _place(points, pixels, box, floor, frame)
+            found = _place(points, pixels, box, floor, frame, poses)
             if found is not None:
                 place[index], covariance[index] = found.place, found.covariance
     known = {name: getattr(detections, name) for name in ("labels", "score", "box", "image_size", "box_covariance")}
@@ -122,31 +140,90 @@ def joined_parts(
 
 
 def _place(
-    points: np.ndarray, pixels: np.ndarray, box: np.ndarray, floor: float | None, frame: RGBDFrame
+    points: np.ndarray,
+    pixels: np.ndarray,
+    box: np.ndarray,
+    floor: float | None,
+    frame: RGBDFrame,
+    poses: Sequence[np.ndarray],
 ) -> UprightBox | None:
-    away = (np.abs(pixels - box[:2]) / (box[2:] / 2.0)).max(1)
-    away[np.isnan(away)] = np.inf  # outside the lens
-    ground = -np.inf if floor is None else floor
-    near = np.flatnonzero((away <= _AROUND) & (points[:, 2] > ground + FLOOR_MARGIN))
-    depth = (points[near] - frame.T_world_camera[:3, 3]) @ frame.T_world_camera[:3, 2]
-    pixel = float(np.median(depth)) / frame.intrinsics.fx if len(near) else 0.0
-    labels = voxel_clusters(points[near], max(CLUSTER_VOXEL, CLUSTER_PIXELS * pixel))
-    parts = [near[labels == index] for index in range(labels.max(initial=-1) + 1)]
-    parts = [part for part in parts if _belongs(points[part], away[part] <= _INSIDE, floor)]
-    whole = joined_parts(parts, points)
-    at = whole[away[whole] <= _INSIDE]
-    if len(at) < _LEAST or not _stands(points[at], floor):
+    along, down = (np.abs(pixels[:, axis] - box[axis]) * (2.0 / box[2 + axis]) for axis in (0, 1))
+    away = np.maximum(along, down)
+    near = np.flatnonzero(away <= _AROUND)  # outside the lens away is NaN
+    if not len(near):
         return None
+    points, pixels, away = points[near], pixels[near], away[near]
+    grid = VoxelGrid(points, max(CLUSTER_VOXEL, CLUSTER_PIXELS * _pixel(points[away <= _INSIDE], frame)), _LEAST_VOXEL)
+    at, cut = _free(grid, points, away, floor)
+    tangled = len(at) < _LEAST
+    if tangled:
+        at = _parts(grid.clusters(), points, away, floor)
+        at, cut = at[away[at] <= _INSIDE], 0.0
+        if len(at) < _LEAST or not (floor is None or points[at, 2].min() < floor + STANDING):
+            return None
+    elif floor is not None and cut > 0.0:
+        at = _with_feet(at, grid, points, away, floor, cut)
     missing = _missing(points[at], pixels[at], box, frame)
-    return one_view_box(points[at], missing, frame.T_world_camera, floor, len(at) < _WHOLE * len(whole))
+    return seen_box(points[at], missing, poses, floor, tangled, cut)
 
 
-def _stands(points: np.ndarray, floor: float | None) -> bool:
-    return floor is None or bool(points[:, 2].min() < floor + STANDING)
+def _free(
+    grid: VoxelGrid, points: np.ndarray, away: np.ndarray, floor: float | None
+) -> tuple[Int[np.ndarray, "members"], float]:
+    """(the object above the lowest cut that sets it free, m above the floor); no points where none does."""
+    for cut in (0.0,) if floor is None else (0.0, *_CUTS):
+        ground = None if floor is None else floor + cut
+        above = None if ground is None or cut == 0.0 else grid.low >= ground
+        at = _parts(grid.clusters(above), points, away, ground)
+        stands = ground is None or (len(at) > 0 and points[at, 2].min() < ground + STANDING)
+        if len(at) >= _LEAST and stands and (away[at] <= _REACH).mean() >= _WHOLE:
+            return at, cut
+    return np.zeros(0, np.int64), 0.0
 
 
-def _belongs(points: np.ndarray, inside: np.ndarray, floor: float | None) -> bool:
-    return bool(inside.mean() >= _SHARES["stands" if _stands(points, floor) else "hangs"])
+def _with_feet(
+    at: np.ndarray, grid: VoxelGrid, points: np.ndarray, away: np.ndarray, floor: float, cut: float
+) -> Int[np.ndarray, "members"]:
+    """The upper part of an object with what of the lower one hangs together with nothing else, slice by slice."""
+    top = cut
+    while top > 0.0:
+        bottom = max(top - _SLICE, 0.0)
+        labels = grid.clusters((grid.low >= floor + bottom - _SLICE / 2.0) & (grid.low < floor + top))
+        parts = [np.flatnonzero(labels == index) for index in range(labels.max(initial=-1) + 1)]
+        parts = [part for part in parts if (away[part] <= _REACH).mean() >= _WHOLE]
+        at = np.unique(np.concatenate([at, _beside(at, parts, points)]))
+        top = bottom
+    return at
+
+
+def _beside(at: np.ndarray, parts: list[np.ndarray], points: np.ndarray) -> Int[np.ndarray, "members"]:
+    """The points of those parts that are below a thing or close beside it."""
+    low, high = points[at, :2].min(0) - _GAP, points[at, :2].max(0) + _GAP
+    inside = [part for part in parts if ((points[part, :2] > low) & (points[part, :2] < high)).all()]
+    return np.concatenate([np.zeros(0, np.int64), *inside])
+
+
+def _parts(
+    labels: np.ndarray, points: np.ndarray, away: np.ndarray, ground: float | None
+) -> Int[np.ndarray, "members"]:
+    """The points of clusters that belong to what is in the box."""
+    parts = [np.flatnonzero(labels == index) for index in range(labels.max(initial=-1) + 1)]
+    return joined_parts([part for part in parts if _belongs(points[part], away[part], ground)], points)
+
+
+def _belongs(points: np.ndarray, away: np.ndarray, ground: float | None) -> bool:
+    share = (away <= _INSIDE).mean()
+    if ground is None or points[:, 2].min() < ground + STANDING:
+        return bool(share >= _SHARE)
+    return bool(share >= _HANGING_SHARE and (away <= _REACH).mean() >= _WHOLE)
+
+
+def _pixel(points: np.ndarray, frame: RGBDFrame) -> float:
+    """Width of a pixel that is looked at where points are, m."""
+    if not len(points):
+        return 0.0
+    depth = (points - frame.T_world_camera[:3, 3]) @ frame.T_world_camera[:3, 2]
+    return float(np.median(depth)) / frame.intrinsics.fx
 
 
 def _missing(points: np.ndarray, pixels: np.ndarray, box: np.ndarray, frame: RGBDFrame) -> Float[np.ndarray, "4"]:
@@ -158,25 +235,18 @@ def _missing(points: np.ndarray, pixels: np.ndarray, box: np.ndarray, frame: RGB
     return np.maximum(gap - np.tile(_ALLOWED * box[2:], 2), 0.0) * distance / camera.fx
 
 
-def _points_and_pixels(frame: RGBDFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Depth pixels on surfaces as points in the world, m, and where they fall in the colour image, px."""
-    shown = _steady(frame)
-    depth = frame.depth[shown].astype(float)
-    local = np.column_stack([frame.intrinsics.rays[shown] * depth[:, None], depth])
-    points = local @ frame.T_world_camera[:3, :3].T + frame.T_world_camera[:3, 3]
-    if frame.color_intrinsics is None or frame.T_color_depth is None:
-        rows, columns = np.nonzero(shown)
-        return points, np.column_stack([columns, rows]).astype(float)
-    seen = local @ frame.T_color_depth[:3, :3].T + frame.T_color_depth[:3, 3]
-    return points, frame.color_intrinsics.project(seen)
+def _points(frame: RGBDFrame, lowest: float, coarser: int = 1) -> Float[np.ndarray, "points 3"]:
+    """Depth pixels on surfaces above a height as points in the world, m; of a fine image some rows and columns only."""
+    from eaip_prob.detection._placing_loops import steady_points
+
+    stride = coarser * max(1, int(_FINEST * frame.intrinsics.fx))
+    rays, step = pixel_rays(frame.intrinsics, stride), _STEP / frame.intrinsics.fx
+    pose = np.ascontiguousarray(frame.T_world_camera, float)
+    return steady_points(frame.depth, frame.valid, rays, stride, step, _NEIGHBOURS, pose, lowest)
 
 
-def _steady(frame: RGBDFrame) -> Bool[np.ndarray, "height width"]:
-    """Valid pixels with some neighbours at their depth; others lie in the air, between an edge and what is behind."""
-    height, width = frame.depth.shape
-    depth = np.pad(np.where(frame.valid, frame.depth, np.float32(-1.0)), 1, constant_values=-1.0)
-    step = frame.depth * np.float32(_STEP / frame.intrinsics.fx)
-    count = np.zeros(frame.depth.shape, np.int8)
-    for down, along in ((0, 0), (0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1), (2, 2)):
-        count += np.abs(depth[down : down + height, along : along + width] - frame.depth) < step
-    return frame.valid & (count >= _NEIGHBOURS)
+def _pixels(points: np.ndarray, frame: RGBDFrame) -> Float[np.ndarray, "points 2"]:
+    """Where points of the world fall in the colour image, px; NaN outside the lens."""
+    T = inverse(frame.T_world_camera)
+    T = T if frame.T_color_depth is None else frame.T_color_depth @ T
+    return (frame.color_intrinsics or frame.intrinsics).project(points @ T[:3, :3].T + T[:3, 3])

@@ -34,7 +34,7 @@ from eaip_prob.detection.placing import (
     floor_height,
     joined_parts,
 )
-from eaip_prob.detection.placing_box import UprightBox, voxel_clusters
+from eaip_prob.detection.placing_box import UprightBox, VoxelGrid
 from eaip_prob.errors import InputError
 from eaip_prob.perception.fusion import Crop, fuse
 
@@ -134,7 +134,7 @@ class PointCloudDetector(AbstractObjectDetector):
     def _object(self, points: np.ndarray, floor: float, voxel: float) -> tuple[Int[np.ndarray, "members"], bool]:
         """Which points are of the object, and whether something hangs together with it."""
         high = np.flatnonzero(points[:, 2] > floor + FLOOR_MARGIN)
-        labels = voxel_clusters(points[high], voxel)
+        labels = VoxelGrid(points[high], voxel).clusters()
         parts = [high[labels == index] for index in range(labels.max(initial=-1) + 1)]
         bounds = np.asarray(self.workspace, float)
         tied = [_at_border(points[part], bounds).any() for part in parts]

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from eaip_prob.errors import InputError
 from eaip_prob.gaussian import BlockGaussian
-from eaip_prob.linalg import symmetrised
+from eaip_prob.linalg import flat_members, psd_root, symmetrised
 from eaip_prob.models.state import decode, encode
 from eaip_prob.observation import AbstractObservation
 
@@ -92,12 +92,21 @@ class Posterior:
 
     def sample(self, num: int, generator: torch.Generator) -> tuple[Float[Tensor, "num *batch weights"], Tensor]:
         """(draws of all blocks, index of the component of each draw (num, *batch))."""
-        batch = self.log_weight.shape[:-1]
-        flat = self.weight.reshape(-1, self.log_weight.shape[-1])
-        index = torch.multinomial(flat, num, replacement=True, generator=generator).mT.reshape(num, *batch)
-        draws = self.components.sample(num, generator)
-        chosen = index[..., None, None].expand(*index.shape, 1, draws.shape[-1])
-        return draws.expand(num, *batch, *draws.shape[-2:]).gather(-2, chosen)[..., 0, :], index
+        shape, num_components = self.log_weight.shape, self.log_weight.shape[-1]
+        index = torch.multinomial(
+            self.weight.reshape(-1, num_components), num, replacement=True, generator=generator
+        ).mT
+        member = (index + num_components * torch.arange(index.shape[-1])).flatten()
+        root, root_of = flat_members(psd_root(self.components.covariance), 2, shape)
+        mean, mean_of = flat_members(self.components.mean, 1, shape)
+        noise = torch.randn(len(member), root.shape[-1], generator=generator, dtype=torch.float64)
+        draws, used = mean[mean_of[member]], root_of[member]
+        # Draws by one root together: a product for each, and none for those of components that nobody drew.
+        order = used.argsort()
+        roots, counts = used[order].unique_consecutive(return_counts=True)
+        for place, rows in zip(roots.tolist(), order.split(counts.tolist()), strict=True):
+            draws[rows] += noise[rows] @ root[place].mT
+        return draws.unflatten(0, (num, *shape[:-1])), index.reshape(num, *shape[:-1])
 
     def log_prob(self, value: Float[Tensor, "*batch weights"]) -> Float[Tensor, "*batch"]:
         """Log density of all blocks, nats."""

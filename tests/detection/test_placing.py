@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from detection_world import FLOOR, MIDDLE, SIZE, camera, cuboid, faces, found, room, seen, shelf
 
-from eaip_prob.detection.base import Detections
+from eaip_prob.data.frames import pixel_rays
+from eaip_prob.detection._placing_loops import steady_points
+from eaip_prob.detection.base import AbstractImageDetector, Detections
 from eaip_prob.detection.placing import floor_height, joined_parts, placed
-from eaip_prob.detection.placing_box import UprightBox, one_view_box, voxel_clusters
+from eaip_prob.detection.placing_box import UprightBox, VoxelGrid, seen_box
 from eaip_prob.errors import ShapeError
 from eaip_prob.perception import clusters, registered
 from eaip_prob.perception.fusion import PointCloud
@@ -123,10 +125,10 @@ def test_clusters_on_a_grid_are_those_of_a_flood():
             near = {other for other in left if max(abs(a - b) for a, b in zip(cell, other, strict=True)) == 1}
             border, left = [*border, *near], left - near
         expected.add(frozenset(cluster))
-    labels = voxel_clusters(points, 0.05, 3)
+    labels = VoxelGrid(points, 0.05, 3).clusters()
     assert np.flatnonzero(labels >= 0).tolist() == full and len(expected) > 3
     assert {frozenset(np.flatnonzero(labels == k).tolist()) for k in range(labels.max() + 1)} == expected
-    assert voxel_clusters(points[:0]).shape == (0,)
+    assert VoxelGrid(points[:0]).clusters().shape == (0,)
 
 
 def test_clusters_of_solid_things_are_those_of_open3d():
@@ -135,7 +137,7 @@ def test_clusters_of_solid_things_are_those_of_open3d():
         [generator.uniform(0.0, 0.3, (4000, 3)) + at for at in ([0, 0, 0], [0.5, 0, 0], [0, 0.6, 0])]
     )
     cloud = PointCloud(points, np.zeros(points.shape, np.uint8), np.ones(len(points)))
-    labels, others = voxel_clusters(points), clusters(cloud, 0.05)
+    labels, others = VoxelGrid(points).clusters(), clusters(cloud, 0.05)
     pairs = {(int(one), int(other)) for one, other in zip(labels, others, strict=True) if one >= 0}
     assert sorted(one for one, _ in pairs) == sorted(other for _, other in pairs) == [0, 1, 2]
 
@@ -159,9 +161,7 @@ def test_covariance_of_a_box_is_that_of_its_faces():
 def test_what_hangs_together_with_the_object_makes_all_of_it_uncertain():
     points = np.random.default_rng(4).uniform(-0.5, 0.5, (500, 3))
     pose = camera().T_world_camera
-    free, tangled = (
-        one_view_box(points, np.zeros(4), pose, -0.5, held).covariance.diagonal() for held in (False, True)
-    )
+    free, tangled = (seen_box(points, np.zeros(4), [pose], -0.5, held).covariance.diagonal() for held in (False, True))
     assert (tangled > 1.5 * free).all()
 
 
@@ -178,3 +178,72 @@ def test_the_covariance_is_calibrated_over_noisy_views():
         error = answer.place[0] - truth.place
         distances.append(error @ np.linalg.solve(answer.place_covariance[0], error) / 6.0)
     assert 0.2 < np.mean(distances) < 2.5
+
+
+# A heap of bag at the feet, from before the object to beyond the box and out of the workspace.
+HEAP = cuboid("bag", (-0.2, -0.6, FLOOR), (2.2, 0.05, FLOOR + 0.25), (0.8, 0.8, 0.8))
+
+
+@pytest.mark.parametrize("names", [("right",), ("right", "overhead", "left")], ids=["one camera", "three"])
+def test_a_bag_at_the_feet_does_not_make_the_object_larger(names):
+    frames = [seen(room(shelf(), HEAP), name) for name in names]
+    answer = placed(found(frames[0], frames[0].objects[0].box), frames[0], others=frames[1:])
+    error = faces(answer.place[0]) - faces(TRUTH)
+    assert np.abs(error).max() < 0.06
+    # What of the feet the heap may hide is said.
+    assert (np.sqrt(np.diag(answer.place_covariance[0]))[3:5] > 0.05).all()
+
+
+def test_other_cameras_show_the_faces_that_one_does_not():
+    wide = (0.7, 0.6, 0.5)  # the top alone tells of its far edge, which a wall of bag before it hides
+    front = cuboid("bag", (0.5, -0.55, FLOOR), (1.4, -0.5, FLOOR + 0.75), (0.8, 0.8, 0.8))
+    frames = [seen(room(shelf(MIDDLE, wide), front), name) for name in ("right", "overhead", "left")]
+    box = frames[0].objects[0].box
+    alone = placed(found(frames[0], box), frames[0])
+    together = placed(found(frames[0], box), frames[0], others=frames[1:])
+    truth = np.array([*MIDDLE, FLOOR + wide[2] / 2, *wide])
+    assert np.abs(faces(together.place[0]) - faces(truth)).max() < 0.05
+    deviation = [np.sqrt(np.diag(answer.place_covariance[0])) for answer in (alone, together)]
+    assert np.isnan(deviation[0]).any() or deviation[1][4] < deviation[0][4]
+
+
+def test_frames_of_another_moment_say_nothing_of_places():
+    class Told(AbstractImageDetector):
+        def detect_image(self, image):
+            return found(early, early.objects[0].box)
+
+    early, late = seen(room(shelf()), "right"), seen(room(shelf((0.95, 0.4))), "left", time=0.5)
+    beside = replace(seen(room(shelf()), "left"), time=0.0)
+    alone, with_late, with_beside = (
+        Told().detect(frames).place for frames in ([early], [early, late], [early, beside])
+    )
+    assert np.array_equal(alone, with_late) and not np.array_equal(alone, with_beside)
+
+
+def test_points_are_those_of_a_loop_over_pixels():
+    frame = KinectNoise().apply(*render_labelled(room(shelf()), camera(), 0.0, {}), np.random.default_rng(0))
+    height, width = frame.depth.shape
+    expected = []
+    for i in range(0, height, 2):
+        for j in range(0, width, 2):
+            rows, columns = range(max(i - 1, 0), min(i + 2, height)), range(max(j - 1, 0), min(j + 2, width))
+            around = [(row, column) for row in rows for column in columns]
+            depth = float(frame.depth[i, j])
+            near = [at for at in around if frame.valid[at] and abs(float(frame.depth[at]) - depth) < 0.05 * depth]
+            if frame.valid[i, j] and len(near) - 1 >= 3:
+                point = frame.T_world_camera @ [*(frame.intrinsics.rays[i, j] * depth), depth, 1.0]
+                expected += [point[:3]] if point[2] > -0.5 else []
+    rays = pixel_rays(frame.intrinsics, 2)
+    came = steady_points(frame.depth, frame.valid, rays, 2, 0.05, 3, frame.T_world_camera, -0.5)
+    assert len(expected) > 100
+    np.testing.assert_allclose(came, expected, atol=1e-12)
+
+
+def test_clusters_of_chosen_voxels_are_those_of_their_points():
+    points = np.random.default_rng(6).uniform(0.0, 1.0, (4000, 3))
+    grid = VoxelGrid(points, 0.1)
+    above = grid.clusters(grid.low >= 0.5)
+    at = np.flatnonzero(above >= 0)
+    assert 0 < len(at) < len(points) and points[at, 2].min() >= 0.45
+    alone = VoxelGrid(points[at], 0.1, least=1).clusters()
+    assert (above[at] == 0).all() and (alone == 0).all()

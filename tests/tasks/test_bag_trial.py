@@ -75,6 +75,7 @@ def test_looks_are_frequent_at_first():
     looks = Looks(rate=30.0, later_rate=5.0, change=1.5)
     due = [step for step in range(90) if looks.due(step)]
     assert due[:45] == list(range(45)) and set(np.diff([step for step in due if step >= 45])) == {6}
+    assert [step for step in range(20) if looks.seeks(step)] == [0, 6, 12, 18]
 
 
 def test_a_result_is_kept_and_read_again(tmp_path):

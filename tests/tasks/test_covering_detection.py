@@ -44,7 +44,7 @@ PLACEMENT = Placement((1.0, 0.05), -0.7, 1.7)
 
 
 def views(count=4, **changes):
-    return replace(CoveringViews(ROOM, "table", PLACEMENT, CAMERA, count, KinectNoise(), seed=1), **changes)
+    return replace(CoveringViews("table", CAMERA, count, KinectNoise(), 1, ROOM, PLACEMENT), **changes)
 
 
 def test_the_object_is_in_view_in_the_first_half_and_covered_in_the_end():

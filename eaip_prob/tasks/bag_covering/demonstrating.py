@@ -19,6 +19,7 @@ from eaip_prob.tasks.bag_covering.recorded import RecordedCovering
 from eaip_prob.tasks.bag_covering.seeing import frame_of_truth, labelled_frame
 
 LOOKING = 1.0  # s in which the object is looked for, before the bag comes over it
+_ROUND_OFF = 1e-6  # s
 
 
 def demonstrated(case: Case, perception: AbstractPerception, rate: float = 10.0) -> RecordedCovering:
@@ -59,7 +60,7 @@ def watched(case: Case, perception: AbstractPerception, rate: float = 10.0) -> l
         rate: frames a second.
     """
     state, hands = perception.init(case.site, case.seed), []
-    for instant in instants(case, perception, rate):
+    for instant in instants(case, rate, perception.reads_pixels):
         found, state = perception.track(instant, state)
         hands += [] if found is None else [found]
     return hands
@@ -74,24 +75,24 @@ def looked_at(case: Case, perception: AbstractPerception, rate: float = 5.0) -> 
         rate: frames a second.
     """
     state, found = perception.init(case.site, case.seed), []
-    for instant in instants(case, perception, rate):
-        if instant.time > LOOKING:
+    for instant in instants(case, rate, perception.reads_pixels):
+        if instant.time >= LOOKING - _ROUND_OFF:
             break
         detections, state = perception.detect(instant, state)
         found.append(detections)
     return best_look(found)
 
 
-def instants(case: Case, perception: AbstractPerception, rate: float) -> Iterator[Instant]:
-    """How the demonstration stands at each frame; with the bag where images are rendered.
+def instants(case: Case, rate: float, with_bag: bool = True) -> Iterator[Instant]:
+    """How the demonstration stands at each frame.
 
     Args:
         case: the trial.
-        perception: for which.
         rate: frames a second.
+        with_bag: whether the bag is simulated; only images show it.
     """
     motion, every = case.motion, max(round(RATE / rate), 1)
-    bag, cloth = (ClothBag() if perception.reads_pixels else None), None
+    bag, cloth = (ClothBag() if with_bag else None), None
     around = Obstacle.around(case.site.mesh, case.site.room.floor)
     for step, time in enumerate(motion.time):
         if bag is not None:

@@ -170,7 +170,7 @@ class CoveringLoop:
         if found is None or not len(found):
             return state
         state = replace(state, detected=sighting.time)
-        early = sighting.time <= self.looking + _ROUND_OFF
+        early = sighting.time < self.looking - _ROUND_OFF
         if known is None or early:
             state = replace(state, detections=best_look([found, *([] if known is None else [known])]))
         return state

@@ -209,7 +209,24 @@ class KinectPerception(AbstractPerception):
         """As in `AbstractPerception`."""
         if self.detecting.name in self.lost:
             return Detections.none(_size(self.detecting)), state
-        return self.detector.detect(self.frames(instant, state, [self.detecting])), state
+        return self.detector.detect(self.frames(instant, state, [*self._beside, self.detecting])), state
+
+    def see(self, instant: Instant, state: _KinectState, looks: bool = True) -> tuple[Sighting, _KinectState]:
+        """As in `AbstractPerception`; each camera delivers one frame, and that of the detector one more."""
+        frames = self.frames(instant, state, self._working)
+        hands, tracks = self.tracker.step(frames, state.tracks, instant.time)
+        detections = None
+        if looks and self.detecting.name in self.lost:
+            detections = Detections.none(_size(self.detecting))
+        elif looks:
+            beside = [frame for frame in frames if frame.name != self.detecting.name]
+            detections = self.detector.detect([*beside, *self.frames(instant, state, [self.detecting])])
+        return Sighting(instant.time, hands, detections), replace(state, tracks=tracks)
+
+    @property
+    def _beside(self) -> list[Kinect]:
+        """The other cameras, whose depth shows where the object is."""
+        return [unit for unit in self._working if unit.name != self.detecting.name]
 
     @property
     def _working(self) -> list[Kinect]:

@@ -29,6 +29,7 @@ class Looks:
         rate: frames a second at first; 30 at most.
         later_rate: frames a second after that.
         change: when the rate changes, s.
+        seeking_rate: looks for the object a second, of those frames; it does not move, and the bag hides it soon.
 
     Example:
         >>> [step for step in range(60) if Looks(30.0, 5.0, 0.1).due(step)][:6]
@@ -38,6 +39,7 @@ class Looks:
     rate: float = 10.0
     later_rate: float = 10.0
     change: float = 1.5
+    seeking_rate: float = 5.0
 
     def due(self, step: int) -> bool:
         """Whether there is a frame at a step of the simulation.
@@ -47,6 +49,14 @@ class Looks:
         """
         rate = self.rate if step / RATE < self.change else self.later_rate
         return step % max(round(RATE / rate), 1) == 0
+
+    def seeks(self, step: int) -> bool:
+        """Whether the object is looked for at a step of the simulation.
+
+        Args:
+            step: 30 a second.
+        """
+        return step % max(round(RATE / self.seeking_rate), 1) == 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +115,8 @@ class Trial:
             instant = Instant(time, hands, np.stack([gripper, self.motion.still]), mesh)
             ended = state.execution.outcome is not None
             if self.looks.due(number) and not ended:
-                sighting, seeing = self.perception.see(instant, seeing, time <= loop.looking + _ROUND_OFF)
+                seeks = self.looks.seeks(number) and time < loop.looking - _ROUND_OFF
+                sighting, seeing = self.perception.see(instant, seeing, seeks)
                 late.append(sighting)
             arrived = late.pop(0) if late and late[0].time + self.faults.delay <= time + _ROUND_OFF else None
             told = None if arrived is None else self._faulty(arrived)

@@ -1,13 +1,14 @@
 """Sec. 4.2.1 of the paper: a detector of furniture, trained on rendered views, and tried while objects are covered."""
 
 from eaip_prob.tasks.detection.consequence import ENVIRONMENTS, Lift, consequence
-from eaip_prob.tasks.detection.covering import CoveringViews, Placement
+from eaip_prob.tasks.detection.covering import AbstractCoveringViews, CoveringViews, Placement
 from eaip_prob.tasks.detection.feature_study import feature_study
 from eaip_prob.tasks.detection.study import PAPER, ObjectScores, Sighting, sighting, table_1
 
 __all__ = [
     "ENVIRONMENTS",
     "PAPER",
+    "AbstractCoveringViews",
     "CoveringViews",
     "Lift",
     "ObjectScores",

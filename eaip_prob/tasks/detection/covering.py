@@ -1,12 +1,13 @@
 """What Kinect 3 sees of an object while a robot and a person cover it with a bag: the views behind Table 1.
 
-The bag is a sheet between four hands. In the first half of the task it is lifted above the object, beside the line of
-sight; in the second half it comes down to the object's top, and its skirt slides over the sides.
+In `CoveringViews` the bag is a sheet between four hands. In the first half of the task it is lifted above the object,
+beside the line of sight; in the second half it comes down to the object's top, and its skirt slides over the sides.
 """
 
 from __future__ import annotations
 
 import hashlib
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,13 +62,11 @@ class Placement:
 
 
 @dataclass(frozen=True, eq=False)
-class CoveringViews:
-    """The frames of one camera over one trial.
+class AbstractCoveringViews(ABC):
+    """The frames of one camera over one trial; a subclass gives `key` and `render`.
 
     Args:
-        workspace: with the object in it; where it stands is the placement's.
         label: class of the object.
-        placement: of the object and the person.
         camera: the unit, with the colour camera at the detector's resolution.
         count: of frames, evenly over the task.
         noise: of the unit.
@@ -77,9 +76,7 @@ class CoveringViews:
         InputError: fewer than two frames.
     """
 
-    workspace: Workspace
     label: str
-    placement: Placement
     camera: Kinect
     count: int
     noise: KinectNoise
@@ -94,14 +91,13 @@ class CoveringViews:
         """How much of the task has passed at each frame, 0 to 1."""
         return (np.arange(self.count) + 0.5) / self.count
 
+    @abstractmethod
     def key(self) -> str:
         """What the frames follow from, as 32 hexadecimal digits."""
-        thing = self.workspace.thing.mesh()
-        words = (_FORMAT, self.workspace, self.label, self.placement, self.noise, self.seed, self.count)
-        digest = hashlib.sha256(repr((words, self.camera.name, self.camera.model)).encode())
-        for array in (self.camera.T_world_camera, thing.vertices, thing.triangles, thing.color):
-            digest.update(repr(np.shape(array)).encode() + np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()[:32]
+
+    @abstractmethod
+    def render(self) -> Iterator[LabelledFrame]:
+        """The frames in the order of time, with noise."""
 
     def frames(self, folder: Path) -> list[LabelledFrame]:
         """All frames, from the folder, or rendered and written there.
@@ -122,15 +118,83 @@ class CoveringViews:
         write_arrays(path, {**arrays, "truth": truth})
         return frames
 
+    def digest(self, words: tuple, *arrays: np.ndarray) -> str:
+        """Of what all views follow from, and of what else these do.
+
+        Args:
+            words: with a representation that tells them apart.
+            arrays: of any shape.
+        """
+        words = (_FORMAT, *words, self.label, self.noise, self.seed, self.count, self.camera.name, self.camera.model)
+        found = hashlib.sha256(repr(words).encode())
+        for array in (self.camera.T_world_camera, *arrays):
+            found.update(repr(np.shape(array)).encode() + np.ascontiguousarray(array).tobytes())
+        return found.hexdigest()[:32]
+
+    def shown(self, scene: Scene, share: float, generator: np.random.Generator) -> LabelledFrame:
+        """One frame, with noise.
+
+        Args:
+            scene: what is there.
+            share: of the task that has passed.
+            generator: of the noise.
+        """
+        frame, labels = render_labelled(scene, self.camera, share, {"thing": self.label})
+        noisy = self.noise.apply(frame, labels, generator)
+        assert isinstance(noisy, LabelledFrame)
+        return noisy
+
+    def generator(self) -> np.random.Generator:
+        """Of the noise of the whole trial."""
+        return camera_generators(self.seed, [self.camera.name])[self.camera.name]
+
+    def _restored(self, arrays: dict[str, np.ndarray]) -> list[LabelledFrame]:
+        model, frames = self.camera.model, []
+        for i, share in enumerate(self.share):
+            depth = _picture(arrays[f"depth_{i}"]).astype(np.float32) * np.float32(0.001)
+            row = arrays["truth"][i]
+            frames.append(
+                LabelledFrame(
+                    color=_picture(arrays[f"color_{i}"]),
+                    depth=depth,
+                    valid=depth > 0,
+                    intrinsics=model.depth,
+                    T_world_camera=self.camera.T_world_camera,
+                    time=float(share),
+                    color_intrinsics=model.color_camera,
+                    T_color_depth=model.T_color_depth,
+                    name=self.camera.name,
+                    objects=(TrueObject(self.label, row[:4], float(row[4]), row[5:]),),
+                )
+            )
+        return frames
+
+
+@dataclass(frozen=True, eq=False)
+class CoveringViews(AbstractCoveringViews):
+    """A trial with a sheet that is carried up, over and down.
+
+    Args:
+        workspace: with the object in it; where it stands is the placement's.
+        placement: of the object and the person.
+
+    Raises:
+        InputError: fewer than two frames.
+    """
+
+    workspace: Workspace
+    placement: Placement
+
+    def key(self) -> str:
+        """As in `AbstractCoveringViews`."""
+        thing = self.workspace.thing.mesh()
+        return self.digest((self.workspace, self.placement), thing.vertices, thing.triangles, thing.color)
+
     def render(self) -> Iterator[LabelledFrame]:
-        """The frames in the order of time, with noise."""
-        generator = camera_generators(self.seed, [self.camera.name])[self.camera.name]
+        """As in `AbstractCoveringViews`."""
+        generator = self.generator()
         for share in self.share:
-            scene = self.scene(float(share))
-            frame, labels = render_labelled(scene, self.camera, float(share), {"thing": self.label})
-            noisy = self.noise.apply(frame, labels, generator)
-            assert isinstance(noisy, LabelledFrame)
-            yield noisy
+            yield self.shown(self.scene(float(share)), float(share), generator)
 
     def scene(self, share: float) -> Scene:
         """What is there when a share of the task has passed.
@@ -160,27 +224,6 @@ class CoveringViews:
         hands = np.array([[x + _FAR, y + side, top + above] for side in _SIDES[::-1]])
         grippers = np.array([[x + _NEAR, y + side, top + above] for side in _SIDES])
         return hands, grippers, _SKIRT + (_DRAPED * height - _SKIRT) * coming
-
-    def _restored(self, arrays: dict[str, np.ndarray]) -> list[LabelledFrame]:
-        model, frames = self.camera.model, []
-        for i, share in enumerate(self.share):
-            depth = _picture(arrays[f"depth_{i}"]).astype(np.float32) * np.float32(0.001)
-            row = arrays["truth"][i]
-            frames.append(
-                LabelledFrame(
-                    color=_picture(arrays[f"color_{i}"]),
-                    depth=depth,
-                    valid=depth > 0,
-                    intrinsics=model.depth,
-                    T_world_camera=self.camera.T_world_camera,
-                    time=float(share),
-                    color_intrinsics=model.color_camera,
-                    T_color_depth=model.T_color_depth,
-                    name=self.camera.name,
-                    objects=(TrueObject(self.label, row[:4], float(row[4]), row[5:]),),
-                )
-            )
-        return frames
 
 
 def _picture(kept: np.ndarray) -> np.ndarray:
