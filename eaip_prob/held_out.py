@@ -159,17 +159,19 @@ class HeldOut:
         """Mean log density of what was observed, nats."""
         return torch.stack([part.log_evidence.mean() for part, _ in self._predictions()]).mean()
 
-    def standardised_errors(self) -> Float[Tensor, "samples"]:
-        """Squared errors of held-out samples in units of their predicted variance.
+    def standardised_errors(self) -> dict[int | str, Float[Tensor, "samples"]]:
+        """Squared errors of held-out samples in units of their predicted variance, of each group.
 
         Samples of which the weights leave nothing uncertain (a signal that is constant) have no part in it.
         """
-        squares = [torch.ones(0, dtype=torch.float64)]
+        found: dict[int | str, list[Tensor]] = {}
         for prediction, mask in self._predictions():
             square = (prediction.mean - self.left_out.target.values).square() / prediction.variance
             least = torch.as_tensor(prediction.inflation)[..., None, None] * prediction.residual
-            squares.append(square[mask & (prediction.variance > (1.0 + _UNCERTAIN) * least)])
-        return torch.cat(squares)
+            counts = mask & (prediction.variance > (1.0 + _UNCERTAIN) * least)
+            for group, motion, kept in zip(self.left_out.groups, square, counts, strict=True):
+                found.setdefault(group, []).append(motion[kept])
+        return {group: torch.cat(parts) for group, parts in found.items()}
 
     def moved_by_scene(self) -> Moved:
         """How the scene alone moves the expected motion, and where it should have moved to."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self, TypeVar
+from typing import Literal, Self, TypeVar
 
 import torch
 from jaxtyping import Float
@@ -68,7 +68,8 @@ class InteractionPredictor:
         criterion: what held-out choices maximise: "prediction" (density of the target's future), or "evidence" (density
             of what was observed, as the paper's likelihood).
         num_samples: resample demonstrations to this many before encoding; None keeps them as recorded.
-        recalibrate: multiply predictive variances so that 90 % intervals hold 90 % of the samples of held-out groups.
+        recalibrate: multiply predictive variances so that 90 % intervals hold 90 % of the samples of held-out groups;
+            with "groups", of a new group (a person nobody has met) with probability 0.9, which takes wider ones.
         gate: believe the environment, alone and beside the motion seen, as far as it told on held-out groups.
         trust: believe the human's motion as far as it told on held-out groups.
         separate: fit a joint of the motions alone beside the one with the environment.
@@ -95,7 +96,7 @@ class InteractionPredictor:
     environment_noise: float | Sequence[float] | None = None
     criterion: str = "prediction"
     num_samples: int | None = None
-    recalibrate: bool = True
+    recalibrate: bool | Literal["groups"] = True
     gate: bool = True
     trust: bool = True
     separate: bool = True
@@ -108,6 +109,8 @@ class InteractionPredictor:
                 f"Expected target 'human' or 'robot' and criterion 'prediction' or 'evidence', "
                 f"got {self.target!r} and {self.criterion!r}."
             )
+        if self.recalibrate not in (True, False, "groups"):
+            raise InputError(f"Expected recalibrate as True, False or 'groups', got {self.recalibrate!r}.")
 
     def _check_parts(self) -> None:
         parts = {"human": AbstractPrimitive, "robot": AbstractPrimitive}

@@ -11,13 +11,14 @@ from selection_world import SAMPLES, demonstrations, deviation, fit
 from eaip_prob.data.demonstrations import Demonstration, DemonstrationSet
 from eaip_prob.data.environment import EnvironmentFeatures
 from eaip_prob.data.trajectory import Trajectory
-from eaip_prob.errors import HeldOutWarning
+from eaip_prob.errors import HeldOutWarning, InputError
 from eaip_prob.models import EmpiricalCovariance, GaussianJointModel
 from eaip_prob.selection import (
     DEFAULT_ENVIRONMENT_NOISE,
     DEFAULT_NOISE,
     ENVIRONMENT_MULTIPLES,
     _calibration,
+    _calibration_of_groups,
 )
 
 
@@ -40,6 +41,32 @@ def test_calibration_of_nothing_of_no_error_and_of_a_motion_far_off() -> None:
     squares = torch.linspace(0.1, 3.0, 100, dtype=torch.float64)
     far = torch.where(torch.arange(100) < 95, squares, 1e6)
     assert _calibration(far) == _calibration(squares)
+
+
+@pytest.mark.parametrize(("num", "rank"), [(1, 1), (5, 5), (10, 10), (19, 18), (99, 90)])
+def test_calibration_of_groups_is_that_of_the_one_which_nine_of_ten_new_ones_do_not_exceed(num: int, rank: int) -> None:
+    groups = [torch.full((7,), float(scale)) for scale in np.random.default_rng(0).permutation(num) + 1]
+    assert _calibration_of_groups([*groups, torch.zeros(0)]) == pytest.approx(rank / chi2.ppf(0.9, 1), rel=1e-6)
+    assert _calibration_of_groups([torch.zeros(0)]) == _calibration_of_groups([]) == 1.0
+
+
+def test_a_new_group_is_held_as_often_as_promised() -> None:
+    generator = np.random.default_rng(1)
+    held = []
+    for _ in range(300):
+        scales = generator.gamma(3.0, 1.0, 11)
+        groups = [torch.from_numpy(scale * generator.standard_normal(400) ** 2) for scale in scales]
+        half = chi2.ppf(0.9, 1) * _calibration_of_groups(groups[:10])
+        held.append(float((groups[10] <= half).double().mean()) >= 0.9)
+    assert np.mean(held) == pytest.approx(10 / 11, abs=0.07)  # 4 standard errors
+
+
+def test_calibration_by_groups_is_wider_and_its_name_is_checked() -> None:
+    motions = demonstrations(16)
+    wide, usual = (fit(motions, noise=0.01, recalibrate=how).inflation for how in ("groups", True))
+    assert wide > usual > 0.0
+    with pytest.raises(InputError, match="'groups', got 'people'"):
+        fit(motions, recalibrate="people")
 
 
 def test_noise_follows_the_sensor() -> None:
