@@ -45,7 +45,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     plans = study.table(shared.predictors, seen, baxter_left_arm(), cfg.methods)
     rows = list(report.followed(plans, len(seen) * len(cfg.methods), "plans"))
     metrics |= study.summary(rows) | tells(recorded)
-    metrics |= cues.gaps(cfg, cfg.cues, cfg.processes) if cfg.cues else {}
+    metrics |= cues.gaps(cfg, cfg.cues, shared.predictors.ours, cfg.processes) if cfg.cues else {}
 
     text = text_table(report.summary(metrics, cfg.methods, list(room.things)))
     print(text)

@@ -16,7 +16,9 @@ from eaip_prob.runs import experiment
 
 FILES = sorted(str(path.relative_to(conf_dir()).with_suffix("")) for path in conf_dir().rglob("*.yaml"))
 PRIMARY = [name for name in FILES if "/" not in name] + ["benchmarks/core", "benchmarks/perception"]
-OPTIONS = [name for name in FILES if name not in PRIMARY and not name.startswith(("hydra/", "experiment/"))]
+OPTIONS = [
+    name for name in FILES if name not in PRIMARY and not name.startswith(("hydra/", "experiment/", "covering/"))
+]
 # Where an option of a group goes, and in which experiment, if not under its own name in a study.
 PLACES = {
     "covariance": ("handover", "covariance@predictor.model.covariance", "predictor.model.covariance"),

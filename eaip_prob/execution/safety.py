@@ -12,7 +12,7 @@ from eaip_prob.checks import check_count, check_fraction, check_positive, check_
 from eaip_prob.errors import InputError
 from eaip_prob.execution.following import free_response
 from eaip_prob.execution.obstacle import Obstacle, clearance
-from eaip_prob.execution.plan import NUDGE, SIGNALS, Plan, RobotCommand, slope
+from eaip_prob.execution.plan import SIGNALS, Plan, RobotCommand
 from eaip_prob.robot import SerialArm, check_motion
 
 _BETWEEN = 4  # points looked at from one time of a plan to the next: at 0.2 s and 0.5 m/s they are 2.5 cm apart
@@ -163,15 +163,14 @@ def collision_risk(plan: Plan, obstacle: Obstacle, rules: SafetyRules, generator
 
 def _drawn_paths(plan: Plan, num: int, generator: torch.Generator) -> Float[np.ndarray, "num times 2"]:
     """Y and z of the gripper's path in draws of the motion."""
-    now = plan.time[0]
-    time = np.concatenate([plan.time, [now + NUDGE, now + 2.0 * NUDGE]])
-    time = time - plan.lateness(time)
+    time = plan.time - plan.lateness(plan.time)
     order = [plan.prediction.names.index(name) for name in SIGNALS[1:]]
     drawn = plan.prediction.at(torch.from_numpy(time)).sample(num, generator)[..., order].detach().numpy()
-    apart = drawn[:, :-2] - plan.mean[:, 1:]
-    moving = slope(drawn[:, 0], drawn[:, -2], drawn[:, -1]) - plan.mean_velocity[0, 1:]
-    response, _ = free_response(plan.time - now, plan.rate)
-    return plan.path[:, 1:] + apart - response @ np.stack([apart[:, 0], moving], 1)
+    apart = drawn - plan.mean[:, 1:]
+    # The attractor carries on with where the gripper is. How fast a draw moves at this moment is not handed on: a
+    # wiggle of a centimetre has half a metre per second, which an attractor would take for a motion.
+    kept = free_response(plan.time - plan.time[0], plan.rate)[0][:, :1]
+    return plan.path[:, 1:] + apart - kept * apart[:, :1]
 
 
 def _jump(plan: Plan, present: RobotCommand, rules: SafetyRules) -> str | None:

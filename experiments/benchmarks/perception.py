@@ -5,7 +5,7 @@ render_colour_960  a colour image of 960 x 540 for a detector, from building the
 noise              the noise of one frame
 track_3            three frames to the position and covariance of both gloves
 yolo, onnx         a colour image of 960 x 540 to objects, by torch and by OpenCV from the exported network
-loop/*             one frame of the bag task's loop from cached images: gloves, detector, phase, posterior, plan, total
+loop/*             parts of the bag task's loop from cached images, and its two kinds of frame: look and total
 fuse_3             three frames to one coloured cloud of 1 cm voxels; beside it, by open3d's own filters
 
 All take turns, so that a busy spell of the machine falls on all of them. metrics.json holds medians (ms, plain), the

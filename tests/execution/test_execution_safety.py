@@ -71,18 +71,16 @@ def slow_paths(plan: Plan, present: RobotCommand, num: int, seed: int) -> np.nda
     prediction = plan.prediction
     weights, _ = prediction.posterior.sample(num, generator(seed))
     phase = torch.from_numpy(plan.time - plan.lateness(plan.time)) / DURATION
-    haste = 1.0 - (plan.lateness(plan.time[0] + 1e-6) - plan.late) / 1e-6
     response, _ = free_response(plan.time - plan.time[0], plan.rate)
     paths = []
     for one in weights:
         path = prediction.primitive.decode(one, phase, DURATION).numpy()
-        velocity = haste * prediction.primitive.velocity(one, phase[:1], DURATION).numpy()[0]
-        paths.append(path + response @ np.stack([present.position - path[0], present.velocity - velocity]))
+        paths.append(path + response @ np.stack([present.position - path[0], present.velocity - plan.mean_velocity[0]]))
     return np.stack(paths)
 
 
 @pytest.mark.parametrize(("time", "late"), [(0.0, 0.0), (3.0, 0.0), (3.0, 1.5)])
-def test_draws_are_the_dmp_s_own_rollouts(time, late):
+def test_draws_are_drawn_to_from_where_the_gripper_is(time, late):
     state = dataclasses.replace(EXECUTION.init(START, time=time), late=late)
     plan = EXECUTION.plan(state, uncertain(0.7))
     exact = slow_paths(plan, state.command, 20, seed=3)

@@ -94,7 +94,7 @@ def test_perception_leaves_medians_and_memory(modules, tmp_path, capsys):
     small = ["repetitions=1", "moments=2", "frames=12"]
     metrics = benchmark.execute(benchmark.compose(small), tmp_path)
     names = {"render_rgbd_3", "render_colour_960", "noise", "track_3", "fuse_3", "yolo", "onnx"}
-    names |= {f"loop/{stage}" for stage in ("gloves", "detector", "phase", "posterior", "plan", "total")}
+    names |= {f"loop/{stage}" for stage in ("gloves", "detector", "phase", "posterior", "plan", "total", "look")}
     assert {name for name in metrics if name.startswith("ms/")} == {f"ms/{name}" for name in names}
     assert all(metrics[f"ms/{name}"] > 0 for name in names) and metrics["memory/growth_mb"] >= 0
     assert "render_colour_960" in capsys.readouterr().out
