@@ -67,6 +67,11 @@ class ExecutionState:
     haste: float = HASTE
 
     @property
+    def underway(self) -> bool:
+        """Whether a plan is followed."""
+        return self.plan is not None and self.held is None
+
+    @property
     def at_rest(self) -> bool:
         """Whether the gripper stands still."""
         return not self.command.velocity.any()

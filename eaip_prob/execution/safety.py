@@ -15,6 +15,7 @@ from eaip_prob.execution.obstacle import Obstacle, clearance
 from eaip_prob.execution.plan import SIGNALS, Plan, RobotCommand
 from eaip_prob.robot import SerialArm, check_motion
 
+_ROUND_OFF = 1e-9  # m
 _BETWEEN = 4  # points looked at from one time of a plan to the next: at 0.2 s and 0.5 m/s they are 2.5 cm apart
 
 
@@ -25,6 +26,9 @@ class SafetyRules:
     Args:
         margin: clearance of the lip from the object, m, at least 0.
         risk: probability with which the clearance may fall below the margin, 0 to 1.
+        underway: the same for a robot that follows a plan already, where that is more: to stop over an object,
+            with a partner who goes on, is no safe state either.
+        reach: how far points of the plan may be out of reach, m; the arm then passes by them that near.
         jump: distance of the plan's beginning from where the robot is, m.
         speed: of the gripper, m/s.
         num_samples: paths and boxes drawn; a risk of 0.2 is then known to 0.035 with the default.
@@ -39,6 +43,8 @@ class SafetyRules:
 
     margin: float = 0.05
     risk: float = 0.2
+    underway: float = 0.4
+    reach: float = 0.01
     jump: float = 0.1
     speed: float = 1.0
     num_samples: int = 128
@@ -47,6 +53,9 @@ class SafetyRules:
         if not 0.0 <= self.margin < float("inf"):
             raise InputError(f"Expected margin of at least 0 and finite, in m, got {self.margin}.")
         check_fraction("risk", self.risk)
+        check_fraction("underway", self.underway)
+        if not 0.0 < self.reach < float("inf"):
+            raise InputError(f"Expected reach above zero and finite, in m, got {self.reach}.")
         check_positive("jump", self.jump)
         check_positive("speed", self.speed)
         check_count("num_samples", self.num_samples)
@@ -83,6 +92,7 @@ def check_plan(
     arm: SerialArm | None,
     generator: torch.Generator,
     joints: Float[np.ndarray, "joints"] | None = None,
+    underway: bool = False,
 ) -> Verdict:
     """Whether the gripper may follow a plan, and if not, why not: all that is wrong with it.
 
@@ -97,6 +107,7 @@ def check_plan(
         arm: whose limits are kept; None for a robot without joints.
         generator: of the draws.
         joints: (J,), joint angles at present, rad; None where they are not known.
+        underway: whether the robot follows a plan already.
 
     Raises:
         InputError: arguments of other types, or what `check_motion` refuses.
@@ -119,10 +130,10 @@ def check_plan(
     check_type("plan", plan, Plan, "Make one with Execution.plan(state, prediction).")
     check_type("present", present, RobotCommand, "Make one with RobotCommand(time, position, velocity).")
     check_type("rules", rules, SafetyRules, "Make them with SafetyRules().")
-    motion = None if arm is None else check_motion(arm, plan.time, plan.path, joints)
+    motion = None if arm is None else check_motion(arm, plan.time, plan.path, joints, rules.reach)
     risk = 0.0 if obstacle is None else collision_risk(plan, obstacle, rules, generator)
     speed = _speed(plan, rules)
-    reasons = [motion.reason if motion else None, _jump(plan, present, rules), speed, _risk(risk, rules)]
+    reasons = [motion.reason if motion else None, _jump(plan, present, rules), speed, _risk(risk, rules, underway)]
     reason = " ".join(text for text in reasons if text)
     too_fast = speed is not None or (motion is not None and motion.speed_share > 1.0)
     return Verdict(not reason, reason or None, risk, None if motion is None else motion.joints, too_fast)
@@ -131,9 +142,10 @@ def check_plan(
 def collision_risk(plan: Plan, obstacle: Obstacle, rules: SafetyRules, generator: torch.Generator) -> float:
     """Share of draws in which the lip comes nearer to the object than the margin somewhere along the rest of the path.
 
-    A draw is a motion from the prediction, taken from where the gripper is, against a box from the obstacle's
-    Gaussian. The gripper's path in it is the planned one plus the drawn deviation from the mean, of which the
-    attractor has at first nothing: that the gripper is where it is, is certain. Between two times paths are straight.
+    A draw is a motion from the prediction against a box from the obstacle's Gaussian. The gripper's path in it is the
+    planned one plus the drawn deviation from the mean, which comes in as the attractor lets go of where the gripper is:
+    that it is there is certain, and so is that it may be there: where the margin is not kept at present, only coming
+    nearer still counts. Between two times paths are straight.
 
     Args:
         plan: what the gripper would do.
@@ -158,7 +170,9 @@ def collision_risk(plan: Plan, obstacle: Obstacle, rules: SafetyRules, generator
     share = np.linspace(0.0, 1.0, _BETWEEN, endpoint=False)[:, None]
     dense = paths[:, :-1, None] + share * np.diff(paths, axis=1)[:, :, None]
     points = np.concatenate([dense.reshape(len(paths), -1, 2), paths[:, -1:]], axis=1)
-    return float((clearance(points, sides).min(-1) < rules.margin).mean())
+    near = clearance(points, sides)
+    # Nearer than it is at present, where it is within the margin already: to hold would leave it there.
+    return float((near.min(-1) < np.minimum(rules.margin, near[:, 0] - _ROUND_OFF)).mean())
 
 
 def _drawn_paths(plan: Plan, num: int, generator: torch.Generator) -> Float[np.ndarray, "num times 2"]:
@@ -166,11 +180,10 @@ def _drawn_paths(plan: Plan, num: int, generator: torch.Generator) -> Float[np.n
     time = plan.time - plan.lateness(plan.time)
     order = [plan.prediction.names.index(name) for name in SIGNALS[1:]]
     drawn = plan.prediction.at(torch.from_numpy(time)).sample(num, generator)[..., order].detach().numpy()
-    apart = drawn - plan.mean[:, 1:]
-    # The attractor carries on with where the gripper is. How fast a draw moves at this moment is not handed on: a
-    # wiggle of a centimetre has half a metre per second, which an attractor would take for a motion.
+    # A draw differs from the plan as far as the attractor has let go of where the gripper is. What a draw does at this
+    # moment is not handed on: a wiggle of a centimetre has half a metre per second, which would become a motion.
     kept = free_response(plan.time - plan.time[0], plan.rate)[0][:, :1]
-    return plan.path[:, 1:] + apart - kept * apart[:, :1]
+    return plan.path[:, 1:] + (1.0 - kept) * (drawn - plan.mean[:, 1:])
 
 
 def _jump(plan: Plan, present: RobotCommand, rules: SafetyRules) -> str | None:
@@ -188,10 +201,11 @@ def _speed(plan: Plan, rules: SafetyRules) -> str | None:
     return f"The gripper would move at {fastest:.2f} m/s, faster than the {rules.speed:g} m/s allowed."
 
 
-def _risk(risk: float, rules: SafetyRules) -> str | None:
-    if risk <= rules.risk:
+def _risk(risk: float, rules: SafetyRules, underway: bool) -> str | None:
+    allowed = max(rules.underway, rules.risk) if underway else rules.risk
+    if risk <= allowed:
         return None
     return (
         f"The lip of the bag comes nearer to the object than {rules.margin:g} m with probability {risk:.2f}, "
-        f"where {rules.risk:.2f} is allowed."
+        f"where {allowed:.2f} is allowed."
     )

@@ -50,6 +50,7 @@ def check_motion(
     time: Sequence[float] | Float[np.ndarray, "time"],
     path: Float[np.ndarray, "time 3"],
     start: Sequence[float] | Float[np.ndarray, "joints"] | None = None,
+    tolerance: float = REACHED,
 ) -> MotionCheck:
     """Joint angles for a motion of the tip (see `follow`), and what is against it.
 
@@ -58,6 +59,7 @@ def check_motion(
         time: (T,), s, increasing.
         path: (T, 3), positions of the tip in the arm's base, m.
         start: (J,), joint angles from where the first sample is sought, rad; the way to it is not judged.
+        tolerance: distance up to which a sample is not called out of reach, m; the tip passes by it that near.
 
     Raises:
         ShapeError: arrays of other shapes, an empty path.
@@ -73,7 +75,7 @@ def check_motion(
     """
     points = checked_samples("path", path, 3, "positions of the tip")
     checked_time(time, len(points))
-    return check_joints(arm, time, follow(arm, points, start).joints, points)
+    return check_joints(arm, time, follow(arm, points, start).joints, points, tolerance)
 
 
 def check_joints(
@@ -81,6 +83,7 @@ def check_joints(
     time: Sequence[float] | Float[np.ndarray, "time"],
     joints: Float[np.ndarray, "time joints"],
     path: Float[np.ndarray, "time 3"],
+    tolerance: float = REACHED,
 ) -> MotionCheck:
     """The same for joint angles that come from elsewhere: another planner, a recording.
 
@@ -89,6 +92,7 @@ def check_joints(
         time: (T,), s, increasing.
         joints: (T, J), rad.
         path: (T, 3), where the tip should be, m.
+        tolerance: distance up to which a sample is not called out of reach, m.
 
     Raises:
         ShapeError: arrays of other shapes, an empty path.
@@ -110,15 +114,15 @@ def check_joints(
     within = arm.allows(angles)
     shares = np.abs(np.diff(angles, axis=0)) / np.diff(times)[:, None] / np.asarray(arm.speed)
     reason = (
-        _out_of_reach(times, points, error)
+        _out_of_reach(times, points, error, tolerance)
         or _beyond_limits(arm, times, angles, within)
         or _too_fast(arm, times, shares)
     )
     return MotionCheck(angles, error, error <= REACHED, bool(within.all()), float(shares.max(initial=0.0)), reason)
 
 
-def _out_of_reach(times: np.ndarray, points: np.ndarray, error: np.ndarray) -> str | None:
-    missed = np.flatnonzero(error > REACHED)
+def _out_of_reach(times: np.ndarray, points: np.ndarray, error: np.ndarray, tolerance: float) -> str | None:
+    missed = np.flatnonzero(error > tolerance)
     if len(missed) == 0:
         return None
     first, worst = int(missed[0]), int(error.argmax())

@@ -185,14 +185,14 @@ class CoveringLoop:
         """
         chance = torch.Generator().manual_seed(self.seed)
         present = state.execution.command
-        joints = self._joints(state, now)
+        joints, underway = self._joints(state, now), state.execution.underway
         if self.method in BLIND:
-            return check_plan(plan, present, None, self.rules, self.arm, chance, joints)
+            return check_plan(plan, present, None, self.rules, self.arm, chance, joints, underway)
         obstacle = None if state.detections is None else Obstacle.most_certain(state.detections)
         if obstacle is None:
             return Verdict(False, "No object was detected and placed, so that nothing is known of what to clear.", 1.0)
         obstacle = obstacle.unseen_for(max(now - state.detected, 0.0))
-        return check_plan(plan, present, obstacle, self.rules, self.arm, chance, joints)
+        return check_plan(plan, present, obstacle, self.rules, self.arm, chance, joints, underway)
 
     def _joints(self, state: LoopState, now: float) -> Float[np.ndarray, "joints"] | None:
         """Of the arm at present: on the last plan that was followed."""

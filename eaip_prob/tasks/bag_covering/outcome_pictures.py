@@ -32,17 +32,22 @@ def spoken(name: str) -> str:
 
 
 def draw_final_error(folder: Path, metrics: Mapping[str, float]) -> None:
-    """Fig. 17b: how far plans are from those after the whole motion.
+    """Fig. 17b: how far plans are from those after the whole motion, at equal times and at equal shares of the path.
 
     Args:
         folder: of the run.
         metrics: of `study.summary`.
     """
-    lines = {
-        method: {percent: _CENTI * value for percent, value in line.items()}
-        for method, line in _by_percent(metrics, "rmse_to_final").items()
+    kinds = {"at equal times": "rmse_to_final", "at equal phases": "shape_to_final"}
+    panels = {
+        title: {
+            method: {percent: _CENTI * value for percent, value in line.items()}
+            for method, line in _by_percent(metrics, kind).items()
+        }
+        for title, kind in kinds.items()
     }
-    figure = score_lines({"": lines}, "observed of the partner's motion (%)", "rmse to the final plan (cm)")
+    panels = {title: lines for title, lines in panels.items() if lines}
+    figure = score_lines(panels, "observed of the partner's motion (%)", "rmse to the final plan (cm)")
     save_figure(figure, folder, "fig_17b_rmse_to_final")
 
 

@@ -26,6 +26,7 @@ from eaip_prob.tasks.bag_covering.seeing import led
 METHODS = (MEAN, ENVIRONMENT, IP, EAIP, PAPER_IP, PAPER_EAIP)
 PERCENTS = (3, 10, 20, 30, 50, 70, 100)
 JUDGED = (10, 30, 100)
+_PHASES = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +94,14 @@ class Planned:
     """What one plan is worth.
 
     Args:
-        path: (T, 3), m.
+        path: (T, 3), at the times of the case's motion, m.
+        shape: (P, 3), the whole path evenly over its phase, so that tempo has no part in it, m.
         error: root mean squared distance from the path that a demonstrator would lead, m.
         coverage90: share of the samples after the last one seen in the 90 % interval.
     """
 
     path: Float[np.ndarray, "time 3"]
+    shape: Float[np.ndarray, "phases 3"]
     error: float
     coverage90: float
 
@@ -119,7 +122,8 @@ def plans(predictors: Predictors, seen: Seen, method: str, percents: Sequence[fl
         path = prediction.mean.numpy()
         last = min(float(seen.until(percent).time[-1]), motion.time[-2])
         inside = score(prediction, truth, torch.tensor(last, dtype=torch.float64)).coverage90
-        found[percent] = Planned(path, distance(path, motion.gripper), float(inside))
+        shape = prediction.plan(_PHASES).numpy()
+        found[percent] = Planned(path, shape, distance(path, motion.gripper), float(inside))
     return found
 
 
@@ -179,7 +183,8 @@ def summary(rows: Sequence[tuple[Seen, str, dict[float, Planned], dict[int, bool
         rows: of `table`.
 
     Returns:
-        `success_at/{method}/{percent}`, `rmse_to_final/...` and `rmse_to_true/...` in m, `coverage90/{method}` over all
+        `success_at/{method}/{percent}`, `rmse_to_final/...`, `shape_to_final/...` (the same at equal phases instead of
+        equal times) and `rmse_to_true/...` in m, `coverage90/{method}` over all
         shares that leave a future.
     """
     metrics: dict[str, float] = {}
@@ -188,6 +193,8 @@ def summary(rows: Sequence[tuple[Seen, str, dict[float, Planned], dict[int, bool
         for percent in PERCENTS:
             final = [distance(found[percent].path, found[PERCENTS[-1]].path) for _, _, found, _ in own]
             metrics[f"rmse_to_final/{method}/{percent}"] = float(np.sqrt(np.mean(np.square(final))))
+            shape = [distance(found[percent].shape, found[PERCENTS[-1]].shape) for _, _, found, _ in own]
+            metrics[f"shape_to_final/{method}/{percent}"] = float(np.sqrt(np.mean(np.square(shape))))
             true = [found[percent].error for _, _, found, _ in own]
             metrics[f"rmse_to_true/{method}/{percent}"] = float(np.sqrt(np.mean(np.square(true))))
         for percent in JUDGED:
