@@ -15,6 +15,7 @@ from eaip_prob.tasks.bag_covering.running import Job, Result
 _KIND_COLORS = dict(zip(KINDS, ("#1b9e77", "#e6c229", "#d00000", "#8da0b3", "#4a5763"), strict=True))
 _STEP = 0.2  # s
 _CENTI = 100.0
+_SAME = 1e-6  # m; nearer plans are the same but for round-off
 
 
 def spoken(name: str) -> str:
@@ -32,22 +33,24 @@ def spoken(name: str) -> str:
 
 
 def draw_final_error(folder: Path, metrics: Mapping[str, float]) -> None:
-    """Fig. 17b: how far plans are from those after the whole motion, at equal times and at equal shares of the path.
+    """Fig. 17b: how far plans are from those after the whole motion, at equal times and at equal phases.
+
+    Methods whose plans never change are left out, and so is the last plan, which is the final one.
 
     Args:
         folder: of the run.
         metrics: of `study.summary`.
     """
     kinds = {"at equal times": "rmse_to_final", "at equal phases": "shape_to_final"}
-    panels = {
-        title: {
-            method: {percent: _CENTI * value for percent, value in line.items()}
-            for method, line in _by_percent(metrics, kind).items()
-        }
-        for title, kind in kinds.items()
-    }
-    panels = {title: lines for title, lines in panels.items() if lines}
-    figure = score_lines(panels, "observed of the partner's motion (%)", "rmse to the final plan (cm)")
+    panels: dict[str, dict[str, dict[float, float]]] = {}
+    for title, kind in kinds.items():
+        for method, line in _by_percent(metrics, kind).items():
+            shown = {percent: _CENTI * value for percent, value in line.items() if value > _SAME}
+            if shown:
+                panels.setdefault(title, {})[method] = shown
+    if not panels:
+        return
+    figure = score_lines(panels, "observed of the partner's motion (%)", "rmse to the final plan (cm)", log_y=True)
     save_figure(figure, folder, "fig_17b_rmse_to_final")
 
 
