@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from eaip_prob.data.frames import Intrinsics, RGBDFrame
@@ -76,6 +76,7 @@ def test_every_corner_comes_back_to_round_off(camera):
     st.lists(st.floats(-0.01, 0.01), min_size=2, max_size=2),
     st.floats(0.0, 6.28),
 )
+@example([0.125, 0.25, -0.25], [0.0, 0.0], 0.0)
 @settings(max_examples=50, deadline=None)
 def test_distortion_has_an_inverse_inside_the_fold(radial, tangential, angle):
     coefficients = (radial[0], radial[1], *tangential, radial[2])

@@ -394,7 +394,8 @@ def start(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         (["nope=3"], "Could not override 'nope'. To append to your config use +nope=3"),
         (
             ["phase=none_such"],
-            "Available options in 'phase': absolute chosen dtw elapsed expected expected_marginal known marginal",
+            "Available options in 'phase': absolute chosen dtw elapsed expected expected_marginal "
+            "expected_marginal_wide known marginal",
         ),
         (["samples_seen=[10"], "no viable alternative at input '[10'"),
         (["num_train=0"], "Expected at least one motion for a rectangle, got 0."),
