@@ -6,7 +6,9 @@ part, or hangs in the air and lies in the box as a whole: arms, a bag, and what 
 
 A bag that lies against the object's feet hangs together with it, and reaches far out of the box. Then the cut above the
 floor is raised until what is above it ends near the box: the object's upper part, which is taken down to the floor.
-Where no cut sets the object free, what lies in the box is taken, and the covariance says so.
+Where no cut sets the object free, or what it leaves is narrower than the box because a seat or a table's top went with
+the bag, the same is tried in finer voxels, in which more gaps show. Where that does not help either, what lies in the
+box is taken, and the covariance says so.
 
 One view shows the front of an object and its top; more cameras show more sides. What none of them shows is not made up:
 the face that looks away is where the last point was seen, and its standard deviation says how far off that is
@@ -42,6 +44,9 @@ _FLOOR_SHARE = 0.04  # of all points that lie within one such cell, if it is the
 _STEP, _NEIGHBOURS = 5.5, 3  # widths of a pixel between neighbours on a surface, and how many a pixel has at least
 _FINEST = 0.006  # rad between neighbouring pixels that are looked at, about: 1 cm at 2 m
 CLUSTER_VOXEL, CLUSTER_PIXELS = 0.04, 7.0  # metres, and widths of a pixel, of which the larger is a voxel of clusters
+_FINE_VOXEL, _FINE_PIXELS = 0.025, 4.0  # the same, between an object and a bag that lies against it
+_WANTING = 0.05  # metres to a side by which the box may be wider than the object, before finer voxels are tried
+_BETTER = 0.01  # metres by which an object in finer voxels is to be closer to the width of the box
 
 
 def placed(
@@ -153,18 +158,51 @@ def _place(
     if not len(near):
         return None
     points, pixels, away = points[near], pixels[near], away[near]
-    grid = VoxelGrid(points, max(CLUSTER_VOXEL, CLUSTER_PIXELS * _pixel(points[away <= _INSIDE], frame)), _LEAST_VOXEL)
-    at, cut = _free(grid, points, away, floor)
-    tangled = len(at) < _LEAST
-    if tangled:
-        at = _parts(grid.clusters(), points, away, floor)
-        at, cut = at[away[at] <= _INSIDE], 0.0
-        if len(at) < _LEAST or not (floor is None or points[at, 2].min() < floor + STANDING):
+    found = _told_apart(points, pixels, away, box, floor, frame)
+    tangled = found is None
+    if found is None:
+        found = _in_box(points, away, floor, frame)
+        if found is None:
             return None
-    elif floor is not None and cut > 0.0:
-        at = _with_feet(at, grid, points, away, floor, cut)
+    at, touched = found
     missing = _missing(points[at], pixels[at], box, frame)
-    return seen_box(points[at], missing, poses, floor, tangled, cut)
+    return seen_box(points[at], missing, poses, floor, tangled=tangled, touched=touched)
+
+
+def _grid(points: np.ndarray, away: np.ndarray, frame: RGBDFrame, voxel: float, pixels: float) -> VoxelGrid:
+    return VoxelGrid(points, max(voxel, pixels * _pixel(points[away <= _INSIDE], frame)), _LEAST_VOXEL)
+
+
+def _told_apart(
+    points: np.ndarray, pixels: np.ndarray, away: np.ndarray, box: np.ndarray, floor: float | None, frame: RGBDFrame
+) -> tuple[Int[np.ndarray, "members"], bool] | None:
+    """(the object, whether something touches it), in the coarse voxels if they show it as wide as its box."""
+    best, least = None, np.inf
+    for voxel, widths in ((CLUSTER_VOXEL, CLUSTER_PIXELS), (_FINE_VOXEL, _FINE_PIXELS)):
+        grid = _grid(points, away, frame, voxel, widths)
+        at, cut = _free(grid, points, away, floor)
+        if len(at) < _LEAST:
+            continue
+        if floor is not None and cut > 0.0:
+            at = _with_feet(at, grid, points, away, floor, cut)
+        wanting = float(_missing(points[at], pixels[at], box, frame)[[0, 2]].max())
+        if wanting < least:
+            best, least = (at, cut > 0.0 or voxel < CLUSTER_VOXEL), wanting - _BETTER
+        if wanting <= _WANTING:
+            break
+    return best
+
+
+def _in_box(
+    points: np.ndarray, away: np.ndarray, floor: float | None, frame: RGBDFrame
+) -> tuple[Int[np.ndarray, "members"], bool] | None:
+    """What lies in the box, of an object that nothing sets free."""
+    clusters = _grid(points, away, frame, CLUSTER_VOXEL, CLUSTER_PIXELS).clusters()
+    at = _parts(clusters, points, away, floor)
+    at = at[away[at] <= _INSIDE]
+    if len(at) < _LEAST or not (floor is None or points[at, 2].min() < floor + STANDING):
+        return None
+    return at, False
 
 
 def _free(

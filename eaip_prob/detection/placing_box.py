@@ -11,8 +11,8 @@ towards the camera  sideways      away from it  top
 
 `FACE_STD` and `HIDDEN_STD` follow these, with some more for feet so thin that pixels miss them. With three cameras,
 boxes of the trained detector and a bag at the feet (the 40 demonstrations of the bag task, three looks each), the mean
-squared Mahalanobis distance of a place is 1.0 for each of its six numbers, where 1 is expected: 0.4 for the bookshelf
-to 2.1 for the stepladder. For four other pieces (36 looks) it is 1.5, and 3.5 for a table whose top the bag touches.
+squared Mahalanobis distance of a place is 0.9 for each of its six numbers, where 1 is expected: 0.4 for the bookshelf
+to 2.1 for the stepladder. For four other pieces (36 looks) it is 0.3.
 
 Where the box reaches farther than the points, what lies between is unknown and adds to the face on that side.
 """
@@ -29,7 +29,7 @@ FACE_STD = 0.012  # metres
 HIDDEN_STD = 0.030  # metres, of a face that looks away from the camera
 TANGLED_STD = 0.06  # metres, of every side where something else hangs together with the object
 TANGLED_TOP_STD = 0.18  # metres, of the top then: a bag is above what it covers
-FOOT_STD = 0.05  # metres, of every side where the lower part of the object could not be told from what touches it
+TOUCHED_STD = 0.05  # metres, of every side where something that touches the object was told from it
 _STEPS = np.array([step for step in np.ndindex(3, 3, 3) if step > (1, 1, 1)]) - 1  # to half of the voxels around one
 _LEAST_STEEP = 0.3  # sine; a flatter view hardly shows the top, whose rear edge is the hidden face's
 
@@ -133,7 +133,7 @@ def seen_box(
     poses: Sequence[Float[np.ndarray, "4 4"]],
     floor: float | None,
     tangled: bool = False,
-    cut: float = 0.0,
+    touched: bool = False,
 ) -> UprightBox:
     """The box around what cameras see of an object, down to the floor.
 
@@ -144,7 +144,7 @@ def seen_box(
         poses: T_world_camera of each camera, the first of that with the detector's box.
         floor: its height, m; None where it was not seen.
         tangled: whether something that the box cuts off hangs together with the object.
-        cut: height above the floor below which the object could not be told from what touches it, m.
+        touched: whether something beside the object was told from it by a gap only, or in its upper part only.
 
     Example:
         >>> points = np.random.default_rng(0).uniform(-0.5, 0.5, (999, 3))
@@ -158,7 +158,7 @@ def seen_box(
     low, high = ordered[2].copy(), ordered[-3].copy()
     views, steep = zip(*(_view(points, pose) for pose in poses), strict=True)
     hidden, right = np.hypot(HIDDEN_STD, missing[1] / max(steep[0], _LEAST_STEEP)), poses[0][:3, 0]
-    every = np.array([FACE_STD, TANGLED_STD * tangled, FOOT_STD * (cut > 0.0)])
+    every = np.array([FACE_STD, TANGLED_STD * tangled, TOUCHED_STD * touched])
     std = []
     for sign in (-1.0, 1.0):
         # Which face the sides of the image belong to depends on where its right is.

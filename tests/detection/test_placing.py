@@ -194,6 +194,17 @@ def test_a_bag_at_the_feet_does_not_make_the_object_larger(names):
     assert (np.sqrt(np.diag(answer.place_covariance[0]))[3:5] > 0.05).all()
 
 
+@pytest.mark.parametrize("higher", [-0.02, 0.05], ids=["below the top", "above it"])
+def test_a_bag_close_beside_the_whole_object_is_told_from_it_by_the_gap(higher):
+    front = MIDDLE[1] - SIZE[1] / 2.0
+    # Coarse voxels are as wide as 7 pixels, 14 cm here, and close the gap at all heights; fine ones are 8 cm wide.
+    bag = cuboid("bag", (-0.2, front - 0.5, FLOOR), (2.2, front - 0.2, FLOOR + SIZE[2] + higher), (0.8, 0.8, 0.8))
+    frames = [seen(room(shelf(), bag), name) for name in ("right", "overhead", "left")]
+    answer = placed(found(frames[0], frames[0].objects[0].box), frames[0], others=frames[1:])
+    assert np.abs(faces(answer.place[0]) - faces(TRUTH)).max() < 0.02
+    assert (np.sqrt(np.diag(answer.place_covariance[0]))[3:5] > 0.05).all()  # the bag may have been touching it
+
+
 def test_other_cameras_show_the_faces_that_one_does_not():
     wide = (0.7, 0.6, 0.5)  # the top alone tells of its far edge, which a wall of bag before it hides
     front = cuboid("bag", (0.5, -0.55, FLOOR), (1.4, -0.5, FLOOR + 0.75), (0.8, 0.8, 0.8))
