@@ -2,7 +2,8 @@
 
 Every object is covered in several placements before the right Kinect. Printed are the accuracy of the class over the
 first half and over the whole task, the share of the object that is hidden, the boxes' IoU and what was answered
-instead; then the error of the encoded features over the first half, and what it does to a prediction.
+instead; the accuracy by how much is hidden; then the error of the encoded features over the first half, and what it
+does to a prediction.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
 
     from eaip_prob.config import build, repository_path
     from eaip_prob.tables import text_table
-    from eaip_prob.tasks.detection import ObjectScores, feature_study, sighting, table_1
+    from eaip_prob.tasks.detection import ObjectScores, by_cover, feature_study, sighting, table_1
     from eaip_prob.tasks.detection.covering_pictures import draw_boxes, draw_over_time, draw_table_1
 
     started, detector, encoder = time.perf_counter(), build(cfg.detector), build(cfg.encoder)
@@ -43,10 +44,15 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     draw_table_1(folder, scores)
     draw_over_time(folder, sightings)
     print(text_table(table_1(scores), digits=3))
+    cover = by_cover([one for many in sightings.values() for trial in many for one in trial])
+    print(text_table(cover, digits=3))
     metrics: dict[str, Any] = {
         "accuracy": {name: {"first_half": one.first_half, "whole": one.whole} for name, one in scores.items()},
         "covered": {name: one.covered for name, one in scores.items()},
         "iou": {name: one.iou for name, one in scores.items()},
+        "by_cover": {
+            f"{row['covered from']:.0%}".rstrip("%"): {"right": row["right"], "iou": row["IoU"]} for row in cover
+        },
     }
     rows, predictions, features = feature_study(encoder, frames, sightings, list(cfg.training), cfg.seed)
     for table in (rows, predictions):

@@ -27,6 +27,7 @@ from eaip_prob.tasks.detection import (
     ObjectScores,
     Placement,
     Sighting,
+    by_cover,
     consequence,
     feature_study,
     sighting,
@@ -108,6 +109,19 @@ def test_scores_part_the_halves_and_count_what_was_answered_instead():
     assert table_1({"other": scores})[0]["paper, whole"] is None
     with pytest.raises(InputError, match="first half"):
         ObjectScores.of([said(0.7, "chair")])
+
+
+def test_accuracy_by_what_is_hidden_counts_each_frame_once():
+    frames = [
+        said(0.1, "chair", 0.9, 0.0),
+        said(0.2, "table", 0.5, 0.19),
+        said(0.6, "chair", 0.2, 0.2),
+        said(0.9, "table", 0.0, 1.0),
+    ]
+    first, second, last = by_cover(frames)
+    assert first == {"covered from": 0.0, "frames": 2, "right": 0.5, "IoU": pytest.approx(0.7)}
+    assert second == {"covered from": 0.2, "frames": 1, "right": 1.0, "IoU": 0.2}
+    assert (last["covered from"], last["frames"], last["right"]) == (0.8, 1, 0.0)
 
 
 def test_a_sighting_says_what_was_found(tmp_path):

@@ -3,7 +3,7 @@
 from eaip_prob.tasks.detection.consequence import ENVIRONMENTS, Lift, consequence
 from eaip_prob.tasks.detection.covering import AbstractCoveringViews, CoveringViews, Placement
 from eaip_prob.tasks.detection.feature_study import feature_study
-from eaip_prob.tasks.detection.study import PAPER, ObjectScores, Sighting, sighting, table_1
+from eaip_prob.tasks.detection.study import PAPER, ObjectScores, Sighting, by_cover, sighting, table_1
 
 __all__ = [
     "ENVIRONMENTS",
@@ -14,6 +14,7 @@ __all__ = [
     "ObjectScores",
     "Placement",
     "Sighting",
+    "by_cover",
     "consequence",
     "feature_study",
     "sighting",

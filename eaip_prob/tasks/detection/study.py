@@ -15,6 +15,7 @@ from eaip_prob.errors import InputError
 from eaip_prob.simulation.oracle import LabelledFrame
 
 NOTHING = "nothing"
+COVERED = (0.0, 0.2, 0.5, 0.8)  # shares of an object that are hidden, where the bands of `by_cover` begin
 PAPER: Mapping[str, tuple[int, int]] = {  # frames that were right, and all, over 0 to 100 % of the task (Table 1)
     "stepladder": (293, 371),
     "folding_table": (337, 388),
@@ -166,4 +167,27 @@ def table_1(scores: Mapping[str, ObjectScores]) -> list[dict[str, object]]:
                 "instead": ", ".join(f"{found} {count}" for found, count in score.confused.items()) or None,
             }
         )
+    return rows
+
+
+def by_cover(sightings: Sequence[Sighting]) -> list[dict[str, float]]:
+    """Share of frames whose class is right, and mean IoU, by how much of the object something hides.
+
+    Args:
+        sightings: of any objects.
+
+    Returns:
+        A row for each band of `COVERED` that has frames.
+
+    Example:
+        >>> by_cover([Sighting(0.2, 0.3, "chair", "chair", 0.8, Detections.none((9, 9)))])[0]["covered from"]
+        0.2
+    """
+    band = np.digitize([one.covered for one in sightings], COVERED) - 1
+    rows = []
+    for number, start in enumerate(COVERED):
+        here = [one for one, its in zip(sightings, band, strict=True) if its == number]
+        if here:
+            right, iou = np.mean([[one.right, one.iou] for one in here], axis=0)
+            rows.append({"covered from": start, "frames": len(here), "right": float(right), "IoU": float(iou)})
     return rows
