@@ -51,7 +51,7 @@ def run(cfg: DictConfig, folder: Path) -> Mapping[str, Any]:
     print(text)
     pictures.draw_all(folder, room, recorded, cases, results, rows, metrics)
     nothing = cfg.recording._target_.endswith("NullLogger")
-    for path, job in () if nothing else recording.recording_files(folder, jobs).items():
+    for path, job in () if nothing else recording.recording_files(folder, results).items():
         name = job.case.site.name
         with build(
             cfg.recording, path=path, application_id="bag_covering", recording_id=f"{name}-{cfg.seed}"

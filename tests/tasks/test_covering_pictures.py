@@ -154,14 +154,16 @@ def test_objects_have_looks_of_their_own():
     assert len({(look["color"], look["linestyle"]) for look in looks.values()}) == 8
 
 
-def test_a_file_for_each_object_and_the_first_partner(tmp_path):
-    jobs = [job(m, n, k) for m in ("ip", "eaip") for n in ("folding_table", "stepladder") for k in (0, 1)]
-    files = recording_files(tmp_path, jobs)
+def test_a_file_for_each_object_and_the_first_run_that_went_to_the_end(tmp_path):
+    jobs = [job(m, n, k) for m in ("ip", "eaip") for n in ("folding_table", "stepladder") for k in (0, 1, 2)]
+    failed = {"eaip: stepladder 0": "held", "eaip: folding_table 2": "held"}
+    results = {one: result(failed.get(one.name, "covered")) for one in reversed(jobs)}
+    files = recording_files(tmp_path, results)
     assert {path.relative_to(tmp_path).as_posix(): one.name for path, one in files.items()} == {
-        "recording.rrd": "eaip: stepladder 0",
+        "recording.rrd": "eaip: stepladder 1",
         "recordings/folding_table.rrd": "eaip: folding_table 0",
     }
-    only = recording_files(tmp_path, jobs[:2])
+    only = recording_files(tmp_path, {one: result("held") for one in jobs[:2]})
     assert [one.name for one in only.values()] == ["ip: folding_table 0"]
 
 

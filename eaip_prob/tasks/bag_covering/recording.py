@@ -23,7 +23,7 @@ from eaip_prob.tasks.bag_covering.outcome import READY, Run, ended
 from eaip_prob.tasks.bag_covering.outcome_pictures import spoken
 from eaip_prob.tasks.bag_covering.recording_views import WORKSPACE, labels_of, lengthened, moment_of, record_views
 from eaip_prob.tasks.bag_covering.replaying import RobotBodies, partner_meshes, robot_bodies
-from eaip_prob.tasks.bag_covering.running import Job
+from eaip_prob.tasks.bag_covering.running import Job, Result
 from eaip_prob.tasks.bag_covering.trial import Step
 
 _PLOTS = {
@@ -76,18 +76,20 @@ def record_run(logger: AbstractRunLogger, job: Job, table: str = "") -> Run:
     return run
 
 
-def recording_files(folder: Path, jobs: Sequence[Job], method: str = EAIP) -> Mapping[Path, Job]:
+def recording_files(folder: Path, results: Mapping[Job, Result], method: str = EAIP) -> Mapping[Path, Job]:
     """Which run goes into which file: recording.rrd has the stepladder, recordings/NAME.rrd the other objects.
+
+    Of each object that is its first run that went to the end, or its first where none did.
 
     Args:
         folder: of the run.
-        jobs: of all runs; the first of each object counts.
-        method: whose runs; of the first method where it was not run.
+        results: of all runs, in any order.
+        method: whose runs; of the method that comes first in `results` where it was not run.
     """
-    methods = [job.method for job in jobs]
+    methods = [job.method for job in results]
     wanted = method if method in methods else methods[0]
     first: dict[str, Job] = {}
-    for job in jobs:
+    for job in sorted(results, key=lambda job: (not results[job].run.is_success, job.name)):
         if job.method == wanted:
             first.setdefault(job.case.site.name, job)
     main = "stepladder" if "stepladder" in first else next(iter(first))
