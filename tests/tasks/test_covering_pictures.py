@@ -149,6 +149,28 @@ def test_words_of_the_workflow_stay_in_their_boxes(kept):
         assert box.x0 < word.x0 and word.x1 < box.x1 and box.y0 < word.y0 and word.y1 < box.y1
 
 
+@pytest.mark.parametrize("methods", [["eaip"], ["ip", "eaip"]])
+def test_the_legend_of_behaviour_hides_no_label(tmp_path, monkeypatch, methods):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    drawn = []
+    monkeypatch.setattr(path_pictures, "save_figure", lambda figure, *_: drawn.append(figure))
+    results = {job(method, name): result("covered") for method in methods for name in NAMES}
+    path_pictures.draw_behaviour(tmp_path, "fig", results, methods, NAMES)
+    (figure,) = drawn
+    FigureCanvasAgg(figure).draw()
+    legend = figure.legends[0].get_window_extent()
+    assert all(ax.xaxis.label.get_window_extent().y0 > legend.y1 for ax in figure.axes if ax.get_xlabel())
+
+
+def test_one_method_without_the_scene_is_compared_with_one_that_sees_it():
+    assert pictures.methods_side_by_side(["eaip", "paper_ip", "mean"]) == ["paper_ip", "eaip"]
+    assert pictures.methods_side_by_side(["paper_ip", "ip", "paper_eaip"]) == ["ip", "paper_eaip"]
+    assert pictures.methods_side_by_side(["eaip"]) == ["eaip"] and pictures.methods_side_by_side(
+        ["mean", "kernel"]
+    ) == ["mean"]
+
+
 def test_objects_have_looks_of_their_own():
     looks = path_pictures.thing_looks([*NAMES, "table_4_legged", "yellow_bookshelf"])
     assert len({(look["color"], look["linestyle"]) for look in looks.values()}) == 8

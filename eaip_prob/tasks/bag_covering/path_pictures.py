@@ -135,7 +135,8 @@ def draw_behaviour(
     shown = [thing for thing in things if all((method, thing) in runs for method in methods)]
     if not shown:
         return
-    figure, axes = new_figure(len(shown), len(methods), width=3.5, height=3.3, sharex=True, sharey=True)
+    height = 3.3 + 0.4 / len(methods)  # the legend's, which axes of equal scales do not make room for
+    figure, axes = new_figure(len(shown), len(methods), width=3.5, height=height, sharex=True, sharey=True)
     for ax, (method, thing) in zip(axes, [(m, t) for m in methods for t in shown], strict=True):
         own = runs[method, thing]
         _draw_run(ax, *own[0])

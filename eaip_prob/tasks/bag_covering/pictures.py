@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from eaip_prob.methods import EAIP, IP
+from eaip_prob.methods import EAIP, IP, PAPER_EAIP, PAPER_IP
 from eaip_prob.tasks.bag_covering.cases import Case, Room
 from eaip_prob.tasks.bag_covering.outcome_pictures import (
     draw_final_error,
@@ -27,6 +27,11 @@ from eaip_prob.tasks.bag_covering.workflow_picture import draw_workflow
 
 STEPLADDER = "stepladder"
 
+_FIG_14 = {
+    **dict.fromkeys((IP, PAPER_IP), "fig_14a_ip_paths"),
+    **dict.fromkeys((EAIP, PAPER_EAIP), "fig_14b_eaip_paths"),
+}
+
 
 def draw_all(
     folder: Path,
@@ -39,7 +44,8 @@ def draw_all(
 ) -> None:
     """Writes `figures/fig_9_platform.png` to `fig_17b_rmse_to_final.png`, and what the paper does not show.
 
-    Figures that compare two methods show `ip` and `eaip`, or those of both that were run, or the first that was.
+    Figures that compare two methods show `ip` and `eaip`, the published method in place of one that was not run, or the
+    first of all where none of the four was.
 
     Args:
         folder: of the run.
@@ -54,7 +60,7 @@ def draw_all(
     trained = [name for name in names if name in {one.thing for one in recorded}]
     novel = [name for name in names if name not in trained]
     methods = list(dict.fromkeys(job.method for job in results))
-    compared = [method for method in (IP, EAIP) if method in methods] or methods[:1]
+    compared = methods_side_by_side(methods)
     example = stepladder_first([case.site.name for case in cases])
     cameras = next(iter(results)).setting.perception.cameras
     draw_platform(folder, next(case for case in cases if case.site.name == example), cameras)
@@ -62,7 +68,7 @@ def draw_all(
     draw_objects(folder, "fig_11_novel_objects", room, novel)
     draw_workflow(folder)
     draw_demonstrations(folder, recorded, names)
-    draw_early_plans(folder, rows, dict(zip(("fig_14a_ip_paths", "fig_14b_eaip_paths"), compared, strict=False)), names)
+    draw_early_plans(folder, rows, {_FIG_14.get(method, "fig_14_paths"): method for method in compared}, names)
     draw_behaviour(folder, "fig_15_training_objects_behaviour", results, compared, trained)
     draw_behaviour(folder, "fig_16_novel_objects_behaviour", results, compared, novel)
     draw_convergence(folder, "fig_17a_convergence", rows, compared, example)
@@ -70,6 +76,20 @@ def draw_all(
     draw_success_at(folder, metrics)
     draw_outcomes(folder, results, names)
     draw_when_to_act(folder, results, compared)
+
+
+def methods_side_by_side(methods: Sequence[str]) -> list[str]:
+    """One that is blind to the scene and one that is told of it, of those that were run.
+
+    Args:
+        methods: that were run, at least one.
+
+    Example:
+        >>> methods_side_by_side(["mean", "eaip", "paper_ip"])
+        ['paper_ip', 'eaip']
+    """
+    pairs = ((IP, PAPER_IP), (EAIP, PAPER_EAIP))
+    return [next(one for one in pair if one in methods) for pair in pairs if set(pair) & set(methods)] or [methods[0]]
 
 
 def stepladder_first(names: Sequence[str]) -> str:
