@@ -178,6 +178,9 @@ class KinectPerception(AbstractPerception):
         detector: of the object.
         detecting: name of the camera that the detector reads.
         lost: names of cameras that deliver nothing.
+
+    Raises:
+        InputError: `detecting` or one of `lost` that is no camera of the rig.
     """
 
     reads_pixels = True
@@ -194,7 +197,8 @@ class KinectPerception(AbstractPerception):
         lost: Sequence[str] = (),
     ) -> None:
         self.cameras, self.noise, self.tracker, self.detector = rig.cameras(camera), noise, tracker, detector
-        self.detecting, self.lost = _named(rig.cameras(detector_camera), detecting), tuple(lost)
+        self.detecting = _named(rig.cameras(detector_camera), detecting)
+        self.lost = tuple(_named(self.cameras, name, "lost").name for name in lost)
 
     def init(self, site: Site, seed: int) -> _KinectState:
         """As in `AbstractPerception`."""
@@ -248,10 +252,10 @@ class KinectPerception(AbstractPerception):
         return found
 
 
-def _named(cameras: Sequence[Kinect], name: str) -> Kinect:
+def _named(cameras: Sequence[Kinect], name: str, argument: str = "detecting") -> Kinect:
     found = [unit for unit in cameras if unit.name == name]
     if not found:
-        raise InputError(f"Expected one of the cameras {[unit.name for unit in cameras]} as detecting, got {name!r}.")
+        raise InputError(f"Expected one of the cameras {[unit.name for unit in cameras]} as {argument}, got {name!r}.")
     return found[0]
 
 
