@@ -158,15 +158,12 @@ def _place(
     if not len(near):
         return None
     points, pixels, away = points[near], pixels[near], away[near]
-    found = _told_apart(points, pixels, away, box, floor, frame)
-    tangled = found is None
-    if found is None:
-        found = _in_box(points, away, floor, frame)
-        if found is None:
-            return None
-    at, touched = found
+    told = _told_apart(points, pixels, away, box, floor, frame)
+    at, touched = (_in_box(points, away, floor, frame), False) if told is None else told
+    if not len(at):
+        return None
     missing = _missing(points[at], pixels[at], box, frame)
-    return seen_box(points[at], missing, poses, floor, tangled=tangled, touched=touched)
+    return seen_box(points[at], missing, poses, floor, tangled=told is None, touched=touched)
 
 
 def _grid(points: np.ndarray, away: np.ndarray, frame: RGBDFrame, voxel: float, pixels: float) -> VoxelGrid:
@@ -193,16 +190,13 @@ def _told_apart(
     return best
 
 
-def _in_box(
-    points: np.ndarray, away: np.ndarray, floor: float | None, frame: RGBDFrame
-) -> tuple[Int[np.ndarray, "members"], bool] | None:
-    """What lies in the box, of an object that nothing sets free."""
+def _in_box(points: np.ndarray, away: np.ndarray, floor: float | None, frame: RGBDFrame) -> Int[np.ndarray, "members"]:
+    """What lies in the box, of an object that nothing sets free; no points where that is too little."""
     clusters = _grid(points, away, frame, CLUSTER_VOXEL, CLUSTER_PIXELS).clusters()
     at = _parts(clusters, points, away, floor)
     at = at[away[at] <= _INSIDE]
-    if len(at) < _LEAST or not (floor is None or points[at, 2].min() < floor + STANDING):
-        return None
-    return at, False
+    stands = len(at) > 0 and (floor is None or points[at, 2].min() < floor + STANDING)
+    return at if stands and len(at) >= _LEAST else at[:0]
 
 
 def _free(
