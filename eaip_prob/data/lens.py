@@ -96,18 +96,15 @@ def _without_tangential(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Close to the direction that the radial part alone images to (x, y): the nearest inside the fold."""
     k1, k2, _, _, k3 = coefficients
+    radial = (k1, k2, 0.0, 0.0, k3)
     image, limit = np.hypot(x, y), _SHORT_OF_FOLD * fold
     largest, end = image.max(initial=1.0, where=np.isfinite(image)), min(1.0, limit)
-    while end < limit and _radial(np.array(end), k1, k2, k3) < largest:
+    while end < limit and distorted(np.array(end), np.array(0.0), radial)[0] < largest:
         end = min(2.0 * end, limit)
     radii = np.linspace(0.0, end, _TABLE)
-    scale = np.interp(image, _radial(radii, k1, k2, k3), radii) / np.maximum(image, np.finfo(float).tiny)
+    imaged, _ = distorted(radii, np.zeros(_TABLE), radial)
+    scale = np.interp(image, imaged, radii) / np.maximum(image, np.finfo(float).tiny)
     return x * scale, y * scale
-
-
-def _radial(radius: np.ndarray, k1: float, k2: float, k3: float) -> np.ndarray:
-    r2 = radius * radius
-    return radius * (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)))
 
 
 def _inside(u: np.ndarray, v: np.ndarray, before: np.ndarray, fold: float) -> tuple[np.ndarray, np.ndarray]:

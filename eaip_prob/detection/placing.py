@@ -195,8 +195,7 @@ def _in_box(points: np.ndarray, away: np.ndarray, floor: float | None, frame: RG
     clusters = _grid(points, away, frame, CLUSTER_VOXEL, CLUSTER_PIXELS).clusters()
     at = _parts(clusters, points, away, floor)
     at = at[away[at] <= _INSIDE]
-    stands = len(at) > 0 and (floor is None or points[at, 2].min() < floor + STANDING)
-    return at if stands and len(at) >= _LEAST else at[:0]
+    return at if len(at) >= _LEAST and _stands(points[at], floor) else at[:0]
 
 
 def _free(
@@ -207,8 +206,7 @@ def _free(
         ground = None if floor is None else floor + cut
         above = None if ground is None or cut == 0.0 else grid.low >= ground
         at = _parts(grid.clusters(above), points, away, ground)
-        stands = ground is None or (len(at) > 0 and points[at, 2].min() < ground + STANDING)
-        if len(at) >= _LEAST and stands and (away[at] <= _REACH).mean() >= _WHOLE:
+        if len(at) >= _LEAST and _stands(points[at], ground) and (away[at] <= _REACH).mean() >= _WHOLE:
             return at, cut
     return np.zeros(0, np.int64), 0.0
 
@@ -245,9 +243,13 @@ def _parts(
 
 def _belongs(points: np.ndarray, away: np.ndarray, ground: float | None) -> bool:
     share = (away <= _INSIDE).mean()
-    if ground is None or points[:, 2].min() < ground + STANDING:
+    if _stands(points, ground):
         return bool(share >= _SHARE)
     return bool(share >= _HANGING_SHARE and (away <= _REACH).mean() >= _WHOLE)
+
+
+def _stands(points: np.ndarray, ground: float | None) -> bool:
+    return ground is None or bool(points[:, 2].min() < ground + STANDING)
 
 
 def _pixel(points: np.ndarray, frame: RGBDFrame) -> float:
