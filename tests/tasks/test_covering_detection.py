@@ -170,7 +170,6 @@ def test_the_environment_helps_as_far_as_it_is_exact():
     assert all(one["coverage90"] > 0.7 for one in (*good.values(), *bad.values()))
 
 
-@pytest.mark.filterwarnings("ignore::eaip_prob.errors.ExtrapolationWarning")
 def test_the_study_of_features_measures_the_detectors_error(tmp_path):
     names = ("folding_table", "end_table")
     frames, sightings = {}, {}
@@ -189,7 +188,6 @@ def test_the_study_of_features_measures_the_detectors_error(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::eaip_prob.errors.ExtrapolationWarning")
 def test_the_experiment_changes_detector_and_encoder_by_a_word(tmp_path):
     spec = importlib.util.spec_from_file_location("detection_script", ROOT / "experiments" / "detection.py")
     module = importlib.util.module_from_spec(spec)

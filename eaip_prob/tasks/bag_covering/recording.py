@@ -59,9 +59,8 @@ def record_run(logger: AbstractRunLogger, job: Job, table: str = "") -> Run:
         what came of the run.
     """
     logger.blueprint("workspace", _PLOTS, timeline="time")
-    with warnings.catch_warnings():
-        # Objects that nobody demonstrated are among what is shown.
-        warnings.simplefilter("ignore", ExtrapolationWarning)
+    # Objects that nobody demonstrated are among what is shown.
+    with warnings.catch_warnings(action="ignore", category=ExtrapolationWarning):
         steps = list(job.steps())
     run = ended(steps, Judge(job.case.site, baxter_left_arm()))
     bodies = robot_bodies(job.case.site, np.stack([step.instant.grippers for step in steps]), _EVERY)

@@ -132,9 +132,8 @@ def performed(job: Job) -> Result:
                     found.append(step.sighting.detections)
             yield step
 
-    with warnings.catch_warnings():
-        # Objects that nobody demonstrated are what is studied.
-        warnings.simplefilter("ignore", ExtrapolationWarning)
+    # Objects that nobody demonstrated are what is studied.
+    with warnings.catch_warnings(action="ignore", category=ExtrapolationWarning):
         run = ended(watched(), Judge(job.case.site, baxter_left_arm()))
     return Result(run, tuple(hands), best_look(found))
 

@@ -83,9 +83,8 @@ class Seen:
         """
         environment = self.environment["paper" if method in PUBLISHED else "ours"]
         time = torch.from_numpy(self.case.motion.time)
-        with warnings.catch_warnings():
-            # Objects that nobody demonstrated are what is studied.
-            warnings.simplefilter("ignore", ExtrapolationWarning)
+        # Objects that nobody demonstrated are what is studied.
+        with warnings.catch_warnings(action="ignore", category=ExtrapolationWarning):
             return asked(predictors.of(method), method, self.until(percent), environment, time)
 
 

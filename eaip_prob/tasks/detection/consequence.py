@@ -6,6 +6,7 @@ in the object, and little of it in the first fifth of the person's motion, so th
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ import torch
 from jaxtyping import Float
 
 from eaip_prob.data import Demonstration, DemonstrationSet, EnvironmentFeatures, Trajectory
+from eaip_prob.errors import ExtrapolationWarning
 from eaip_prob.phase import ElapsedClock
 from eaip_prob.prediction import InteractionPredictor
 
@@ -103,7 +105,9 @@ def _scores(
     for motion, environment in zip(motions, environments, strict=True):
         assert motion.human is not None and motion.robot is not None
         truth = motion.robot.values[_SEEN:]
-        prediction = predictor.predict(motion.human.first(_SEEN), environment, motion.robot.time[_SEEN:])
+        # What a detector sees amiss, far from the demonstrated objects too, is what is studied.
+        with warnings.catch_warnings(action="ignore", category=ExtrapolationWarning):
+            prediction = predictor.predict(motion.human.first(_SEEN), environment, motion.robot.time[_SEEN:])
         lower, upper = prediction.interval(0.9)
         errors.append((prediction.mean - truth).square().mean())
         inside.append(((lower <= truth) & (truth <= upper)).double().mean())

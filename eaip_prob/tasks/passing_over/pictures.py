@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from torch import Tensor
 from eaip_prob.data.environment import EnvironmentFeatures
 from eaip_prob.data.resampling import held
 from eaip_prob.data.trajectory import Trajectory
+from eaip_prob.errors import ExtrapolationWarning
 from eaip_prob.figures import (
     method_styles,
     new_figure,
@@ -134,7 +136,9 @@ def draw_feature_errors(
     figure, axes = new_figure(len(levels), len(noises), **_PANEL)
     for ax, (noise, level) in zip(axes, [(n, s) for n in noises for s in levels], strict=True):
         scene = EnvironmentFeatures(test.scene.names, torch.tensor(size, dtype=torch.float64) + level * draws)
-        plans = methods.ours.with_noise(None, noise).predict(observed, scene).plan(PLAN_SAMPLES)
+        # Sizes far from the demonstrated ones are what is shown.
+        with warnings.catch_warnings(action="ignore", category=ExtrapolationWarning):
+            plans = methods.ours.with_noise(None, noise).predict(observed, scene).plan(PLAN_SAMPLES)
         title = f"noise in e {level:g} px, sigma_e {noise:g} px"
         paths_panel(ax, rectangle=rectangle_of(size), plans=plans, mean=plans.mean(0), title=title)
     _finish(figure, axes, folder, "figure_6", len(levels))

@@ -159,9 +159,8 @@ def feature_errors(
             scene = EnvironmentFeatures(test.scene.names, test.scene.value + level * direction)
             for noise in noises:
                 for name, predictor in {EAIP: methods.ours, PAPER_EAIP: methods.paper}.items():
-                    with warnings.catch_warnings():
-                        # Rectangles far from the demonstrated ones are what is studied here.
-                        warnings.simplefilter("ignore", ExtrapolationWarning)
+                    # Rectangles far from the demonstrated ones are what is studied here.
+                    with warnings.catch_warnings(action="ignore", category=ExtrapolationWarning):
                         prediction = predictor.with_noise(None, noise).predict(observed, scene, test.motions.time)
                     plans = prediction.plan(PLAN_SAMPLES)
                     yield f"{kind}/{name}/{level:g}/{noise:g}", float(test.dtw(plans))

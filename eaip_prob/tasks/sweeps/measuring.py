@@ -71,9 +71,8 @@ def measured(
     for percent in percents:
         observed, cut = beginning(truth, percent)
         for method in methods:
-            with warnings.catch_warnings():
-                # What becomes of scenes far from the demonstrated ones is part of what is measured.
-                warnings.simplefilter("ignore", ExtrapolationWarning)
+            # What becomes of scenes far from the demonstrated ones is part of what is measured.
+            with warnings.catch_warnings(action="ignore", category=ExtrapolationWarning):
                 prediction = _predicted(fitted, method, observed, scene, truth)
             summary = score(prediction, truth, cut).summary()
             metrics |= {f"{name}/{method}/{percent}": summary[name] for name in SCORES}
